@@ -1,0 +1,1 @@
+"""A virtual TMS320C32 strapdown-navigation board."""

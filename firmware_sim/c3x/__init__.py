@@ -1,0 +1,1 @@
+"""The processor as TI documents it: its number formats and arithmetic."""

@@ -1,0 +1,1 @@
+"""What is burnt into the board: telemetry and the navigation program."""

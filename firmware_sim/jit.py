@@ -1,0 +1,139 @@
+"""The one owner of numba's flags and of its cache on disk.
+
+numba's file cache looks at the file of the decorated function alone: an edit in a module that it
+*imports* leaves stale machine code running, silently. So every function is cached in a folder named
+by a hash of its file, of all files of this package that the file imports, directly or not, and of the
+versions of numba and Python: an edit of any of them starts an empty folder. Import numba through
+this module only.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import importlib.util
+import os
+import platform
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numba
+from numba.core.cgutils import false_bit
+from numba.extending import intrinsic
+
+_PACKAGE = Path(__file__).parent
+_UNUSED_FOR_S = 7 * 86400.0
+
+
+def _cache_root() -> Path:
+    """The user's cache folder, or a private one among the temporary files where that cannot be written."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    root = base / "firmware-sim"
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        root = Path(tempfile.gettempdir()) / f"firmware-sim-{os.getuid()}"
+        root.mkdir(mode=0o700, exist_ok=True)
+    return root
+
+
+def _forget_unused(root: Path) -> None:
+    """Remove what no run has used for a week; every run marks what it uses."""
+    oldest = time.time() - _UNUSED_FOR_S
+    for path in root.iterdir():
+        if path.is_dir() and path.stat().st_mtime < oldest:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+CACHE_ROOT = _cache_root()
+_forget_unused(CACHE_ROOT)
+
+
+@functools.cache
+def _imports_of(source: Path) -> frozenset[Path]:
+    """The files of this package that ``source`` imports by name."""
+    modules: set[str] = set()
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            modules |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            modules |= {alias.name for alias in node.names}
+    ours = [name.split(".")[1:] for name in modules if name.split(".")[0] == _PACKAGE.name]
+    files = {_PACKAGE.joinpath(*parts).with_suffix(".py") for parts in ours if parts}
+    return frozenset(path for path in files if path.is_file())
+
+
+@functools.cache
+def _fingerprint(source: Path) -> str:
+    """Hash of a file and of all that it imports from this package, and of what compiles them."""
+    digest = hashlib.sha256(f"{numba.__version__} {platform.python_version()} {platform.machine()}".encode())
+    closure: set[Path] = set()
+    waiting = {source, Path(__file__)}
+    while waiting:
+        path = waiting.pop()
+        closure.add(path)
+        waiting |= _imports_of(path) - closure
+    for path in sorted(closure, key=lambda path: path.name):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def jit(function: Callable[..., Any]) -> Any:
+    """Compile with numba: cached on disk, IEEE arithmetic in the order of the source, no Python objects.
+
+    ``fastmath`` stays off: re-association would make results depend on the processor that compiled them.
+    """
+    folder = CACHE_ROOT / _fingerprint(Path(function.__code__.co_filename))
+    folder.mkdir(exist_ok=True)
+    os.utime(folder)
+    numba.config.CACHE_DIR = str(folder)  # read by numba while it decorates
+    return numba.njit(cache=True, error_model="numpy")(function)
+
+
+def is_compiled(function: Any) -> bool:
+    """Whether the machine code of a ``jit`` function is in memory or on disk, so that its first call is quick."""
+    folder = CACHE_ROOT / _fingerprint(Path(function.py_func.__code__.co_filename))
+    return bool(function.signatures) or any(folder.rglob(f"*.{function.py_func.__name__}-*.nbi"))
+
+
+def import_generated(name: str, source: str) -> ModuleType:
+    """Import generated ``source`` as a module from a file in the cache, so that numba can cache it too.
+
+    The file is named by the hash of its content; the same source is written once.
+    """
+    digest = hashlib.sha256(source.encode()).hexdigest()[:16]
+    module_name = f"firmware_sim_generated_{name}_{digest}"
+    if module_name in sys.modules:
+        return sys.modules[module_name]
+    path = CACHE_ROOT / "generated" / f"{module_name}.py"
+    if not path.exists():
+        path.parent.mkdir(exist_ok=True)
+        partial = path.with_suffix(f".{os.getpid()}")
+        partial.write_text(source)
+        partial.replace(path)
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _leading_zeros(_typing_context: Any, _value: Any) -> Any:
+    def lower(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.ctlz(arguments[0], false_bit)
+
+    return numba.types.int64(numba.types.int64), lower
+
+
+# Leading zero bits (0 to 64) of an int64, inside ``jit`` functions only: one machine instruction that LLVM has
+# and numba does not offer.
+leading_zeros: Any = intrinsic(_leading_zeros)

@@ -1,0 +1,1 @@
+"""The navigation kernels: elementary functions, Earth, attitude and the strapdown solver."""

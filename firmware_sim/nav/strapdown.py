@@ -1,0 +1,270 @@
+"""The strapdown solver in wander-azimuth mechanisation.
+
+Frames: b body (right, forward, up), p platform (horizontal, z up, not turned about the vertical against the Earth),
+e Earth, t east-north-up. Three states, each in two words (a high single and the error it dropped):
+
+- ``q``: quaternion of C_pb, [4]
+- ``velocity_p_mps``: velocity over ground in p, [3]; its third component is the external climb rate
+- ``C``: position matrix C_pe, [3, 3]; row 3 is the vertical in Earth axes
+
+The step takes what the A/D service summed: counts of the first and of the second part of the cycle. Its duration is
+the number of samples times the sample period. The vertical channel is external.
+"""
+
+from __future__ import annotations
+
+from firmware_sim.kernels.language import Int, Real, kernel, zeros
+from firmware_sim.nav.attitude import (
+    angles_of_matrix,
+    azimuth_of,
+    matrix_of_quaternion,
+    quaternion_of_angles,
+    rotate_by_low_words,
+    rotate_quaternion,
+)
+from firmware_sim.nav.earth import EARTH_RATE_RADPS, curvature
+from firmware_sim.nav.elementary import (
+    add_two_word,
+    arctangent2,
+    arctangent2_two_word,
+    hypotenuse_two_word,
+    reciprocal,
+    sine_cosine_two_word,
+)
+from firmware_sim.nav.vector import cross, multiply_two_word
+
+# Layout of ``scale``: the weight of one count and the sample period, each in two words.
+GYRO_LSB, ACC_LSB, SAMPLE_PERIOD = 0, 2, 4
+# Flags of a solution.
+GIMBAL, POLE, HEIGHT_RANGE = 1, 2, 4
+# cos(89.9 deg): beyond it roll and azimuth, or longitude and wander angle, are no longer separately defined.
+COS_LIMIT = 1.7453283e-3
+HEIGHT_LOW_M, HEIGHT_HIGH_M = -1000.0, 100000.0
+
+
+@kernel
+def initialise(
+    place: Real[4],
+    velocity_t_mps: Real[3],
+    angles_rad: Real[3],
+    angles_low_rad: Real[3],
+    q: Real[4],
+    q_low: Real[4],
+    velocity_p_mps: Real[3],
+    velocity_low_mps: Real[3],
+    velocity_change_mps: Real[3],
+    C: Real[3, 3],
+    C_low: Real[3, 3],
+) -> None:
+    """Set the states from a place (latitude, its low word, longitude, its low word [rad]), a velocity in t and
+    (pitch, roll, azimuth) in two words. The wander angle starts at zero: p is t."""
+    sin_lat, sin_lat_low, cos_lat, cos_lat_low = sine_cosine_two_word(place[0], place[1])
+    sin_lon, sin_lon_low, cos_lon, cos_lon_low = sine_cosine_two_word(place[2], place[3])
+    C[0, 0] = -sin_lon
+    C_low[0, 0] = -sin_lon_low
+    C[0, 1] = cos_lon
+    C_low[0, 1] = cos_lon_low
+    C[0, 2] = 0.0
+    C_low[0, 2] = 0.0
+    C[1, 0], C_low[1, 0] = multiply_two_word(-sin_lat, -sin_lat_low, cos_lon, cos_lon_low)
+    C[1, 1], C_low[1, 1] = multiply_two_word(-sin_lat, -sin_lat_low, sin_lon, sin_lon_low)
+    C[1, 2] = cos_lat
+    C_low[1, 2] = cos_lat_low
+    C[2, 0], C_low[2, 0] = multiply_two_word(cos_lat, cos_lat_low, cos_lon, cos_lon_low)
+    C[2, 1], C_low[2, 1] = multiply_two_word(cos_lat, cos_lat_low, sin_lon, sin_lon_low)
+    C[2, 2] = sin_lat
+    C_low[2, 2] = sin_lat_low
+    quaternion_of_angles(angles_rad, angles_low_rad, q, q_low)
+    for i in range(3):
+        velocity_p_mps[i] = velocity_t_mps[i]
+        velocity_low_mps[i] = 0.0
+        velocity_change_mps[i] = 0.0
+
+
+@kernel
+def increments_of(
+    sums: Int[12], n1: int, n2: int, scale: Real[6], rotation_rad: Real[3], velocity_mps: Real[3]
+) -> float:
+    """Rotation vector and velocity increment of the cycle in start-of-cycle body axes; gives the cycle's duration [s].
+
+    ``sums`` holds gyro x y z and accelerometer x y z of the first n1 samples, then of the last n2. The totals are added as
+    integers and rounded once. Coning and sculling follow from rates linear in time over parts of lengths n1 and n2:
+    the factor of alpha1 x alpha2 is N^2/(6 n1 n2), which is the usual 2/3 for halves.
+    """
+    alpha = zeros(3)
+    alpha1 = zeros(3)
+    alpha2 = zeros(3)
+    v = zeros(3)
+    v1 = zeros(3)
+    v2 = zeros(3)
+    coning = zeros(3)
+    sculling = zeros(3)
+    twist = zeros(3)
+    turn = zeros(3)
+    for i in range(3):
+        total = float(sums[i] + sums[i + 6])
+        alpha[i] = total * scale[GYRO_LSB] + total * scale[GYRO_LSB + 1]
+        part = float(sums[i])
+        alpha1[i] = part * scale[GYRO_LSB]
+        alpha2[i] = alpha[i] - alpha1[i]
+        total = float(sums[i + 3] + sums[i + 9])
+        v[i] = total * scale[ACC_LSB] + total * scale[ACC_LSB + 1]
+        part = float(sums[i + 3])
+        v1[i] = part * scale[ACC_LSB]
+        v2[i] = v[i] - v1[i]
+    samples = float(n1 + n2)
+    factor = 0.0
+    if n1 > 0 and n2 > 0:
+        parts = 6.0 * float(n1) * float(n2)
+        factor = samples * samples * reciprocal(parts)
+    cross(alpha1, alpha2, coning)
+    cross(alpha1, v2, sculling)
+    cross(v1, alpha2, twist)
+    cross(alpha, v, turn)
+    for i in range(3):
+        rotation_rad[i] = alpha[i] + factor * coning[i]
+        compensation = sculling[i] + twist[i]
+        velocity_mps[i] = v[i] + (0.5 * turn[i] + factor * compensation)
+    return samples * scale[SAMPLE_PERIOD] + samples * scale[SAMPLE_PERIOD + 1]
+
+
+@kernel
+def turn_position(C: Real[3, 3], C_low: Real[3, 3], angle_x_rad: float, angle_y_rad: float) -> None:
+    """C <- (I - W + W^2/2) C with W = [angle x], angle_z = 0: the solution of dC/dt = -[w_ep x] C over the step."""
+    for j in range(3):
+        half_x = C[0, j] - 0.5 * angle_y_rad * C[2, j]
+        half_y = C[1, j] + 0.5 * angle_x_rad * C[2, j]
+        half_z = C[2, j] + 0.5 * (angle_y_rad * C[0, j] - angle_x_rad * C[1, j])
+        C[0, j], C_low[0, j] = add_two_word(C[0, j], C_low[0, j], -angle_y_rad * half_z)
+        C[1, j], C_low[1, j] = add_two_word(C[1, j], C_low[1, j], angle_x_rad * half_z)
+        C[2, j], C_low[2, j] = add_two_word(C[2, j], C_low[2, j], angle_y_rad * half_x - angle_x_rad * half_y)
+
+
+@kernel
+def step(
+    sums: Int[12],
+    n1: int,
+    n2: int,
+    height_m: float,
+    climb_mps: float,
+    scale: Real[6],
+    q: Real[4],
+    q_low: Real[4],
+    velocity_p_mps: Real[3],
+    velocity_low_mps: Real[3],
+    velocity_change_mps: Real[3],
+    C: Real[3, 3],
+    C_low: Real[3, 3],
+) -> None:
+    """One cycle of navigation: the states move from the start to the end of the summed samples.
+
+    ``velocity_change_mps`` keeps the last change of velocity: the velocity at mid-interval is extrapolated with it.
+    """
+    rotation_rad = zeros(3)
+    dv_b = zeros(3)
+    dv_p = zeros(3)
+    rate_ip = zeros(3)
+    platform_rad = zeros(3)
+    T = zeros(3, 3)
+    T_low = zeros(3, 3)
+    duration_s = increments_of(sums, n1, n2, scale, rotation_rad, dv_b)
+
+    # Rates of the platform at mid-interval.
+    velocity_p_mps[2] = climb_mps
+    mid_x = velocity_p_mps[0] + 0.5 * velocity_change_mps[0]
+    mid_y = velocity_p_mps[1] + 0.5 * velocity_change_mps[1]
+    inverse_tau, inverse_ryp, inverse_rxp = curvature(C[0, 2], C[1, 2], C[2, 2], height_m)
+    # w_ep; its z is zero by definition of the wander-azimuth platform.
+    rate_x = -mid_x * inverse_tau - mid_y * inverse_ryp
+    rate_y = mid_x * inverse_rxp + mid_y * inverse_tau
+    half_s = 0.5 * duration_s
+    axis_x = C[0, 2] - half_s * rate_y * C[2, 2]
+    axis_y = C[1, 2] + half_s * rate_x * C[2, 2]
+    axis_z = C[2, 2] + half_s * (rate_y * C[0, 2] - rate_x * C[1, 2])
+    earth_x = EARTH_RATE_RADPS * axis_x
+    earth_y = EARTH_RATE_RADPS * axis_y
+    earth_z = EARTH_RATE_RADPS * axis_z
+    rate_ip[0] = earth_x + rate_x
+    rate_ip[1] = earth_y + rate_y
+    rate_ip[2] = earth_z
+    for i in range(3):
+        platform_rad[i] = duration_s * rate_ip[i]
+
+    # Specific force in the platform of mid-interval: T of the start, turned back by half the platform's rotation.
+    matrix_of_quaternion(q, T, T_low)
+    for i in range(3):
+        dv_p[i] = (
+            (T[i, 0] * dv_b[0] + T[i, 1] * dv_b[1] + T[i, 2] * dv_b[2])
+            + (T_low[i, 0] * dv_b[0] + T_low[i, 1] * dv_b[1] + T_low[i, 2] * dv_b[2])
+        )  # fmt: skip
+    rotate_by_low_words(q, q_low, dv_p)
+    force_x = dv_p[0] - 0.5 * (platform_rad[1] * dv_p[2] - platform_rad[2] * dv_p[1])
+    force_y = dv_p[1] - 0.5 * (platform_rad[2] * dv_p[0] - platform_rad[0] * dv_p[2])
+
+    # Coriolis: (2 w_ie + w_ep) x V = (w_ie + w_ip) x V.
+    coriolis_x = (earth_y + rate_ip[1]) * climb_mps - (earth_z + rate_ip[2]) * mid_y
+    coriolis_y = (earth_z + rate_ip[2]) * mid_x - (earth_x + rate_ip[0]) * climb_mps
+    velocity_change_mps[0] = force_x - duration_s * coriolis_x
+    velocity_change_mps[1] = force_y - duration_s * coriolis_y
+
+    # Position with the mean of old and new velocity.
+    mean_x = velocity_p_mps[0] + (velocity_low_mps[0] + 0.5 * velocity_change_mps[0])
+    mean_y = velocity_p_mps[1] + (velocity_low_mps[1] + 0.5 * velocity_change_mps[1])
+    mean_rate_x = -mean_x * inverse_tau - mean_y * inverse_ryp
+    mean_rate_y = mean_x * inverse_rxp + mean_y * inverse_tau
+    turn_position(C, C_low, duration_s * mean_rate_x, duration_s * mean_rate_y)
+    for i in range(2):
+        velocity_p_mps[i], velocity_low_mps[i] = add_two_word(
+            velocity_p_mps[i], velocity_low_mps[i], velocity_change_mps[i]
+        )
+    rotate_quaternion(q, q_low, rotation_rad, platform_rad)
+
+
+@kernel
+def solution(
+    q: Real[4],
+    velocity_p_mps: Real[3],
+    C: Real[3, 3],
+    C_low: Real[3, 3],
+    height_m: float,
+    angles_rad: Real[5],
+    velocity_t_mps: Real[3],
+    place: Real[4],
+) -> int:
+    """What users want to know, from the states; gives the flags (GIMBAL, POLE, HEIGHT_RANGE).
+
+    ``angles_rad``: pitch, roll, azimuth (counter-clockwise), heading (clockwise), wander. ``place``: latitude and its low
+    word, longitude and its low word [rad].
+    """
+    T = zeros(3, 3)
+    T_low = zeros(3, 3)
+    matrix_of_quaternion(q, T, T_low)
+    pitch_rad, roll_rad, phi_rad, cos_pitch = angles_of_matrix(T)
+    wander_rad = arctangent2(C[0, 2], C[1, 2])
+    azimuth_rad, heading_rad = azimuth_of(phi_rad, wander_rad)
+    angles_rad[0] = pitch_rad
+    angles_rad[1] = roll_rad
+    angles_rad[2] = azimuth_rad
+    angles_rad[3] = heading_rad
+    angles_rad[4] = wander_rad
+
+    cos_lat, cos_lat_low = hypotenuse_two_word(C[0, 2], C_low[0, 2], C[1, 2], C_low[1, 2])
+    place[0], place[1] = arctangent2_two_word(C[2, 2], C_low[2, 2], cos_lat, cos_lat_low)
+    place[2], place[3] = arctangent2_two_word(C[2, 1], C_low[2, 1], C[2, 0], C_low[2, 0])
+
+    # East and north in platform axes are (C23, -C13) and (C13, C23) over cos(latitude).
+    inverse = reciprocal(cos_lat)
+    sin_wander = C[0, 2] * inverse
+    cos_wander = C[1, 2] * inverse
+    velocity_t_mps[0] = velocity_p_mps[0] * cos_wander - velocity_p_mps[1] * sin_wander
+    velocity_t_mps[1] = velocity_p_mps[0] * sin_wander + velocity_p_mps[1] * cos_wander
+    velocity_t_mps[2] = velocity_p_mps[2]
+
+    flags = 0
+    if cos_pitch < COS_LIMIT:
+        flags = flags | GIMBAL
+    if cos_lat < COS_LIMIT:
+        flags = flags | POLE
+    if height_m < HEIGHT_LOW_M or height_m > HEIGHT_HIGH_M:
+        flags = flags | HEIGHT_RANGE
+    return flags
