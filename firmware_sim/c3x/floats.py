@@ -257,8 +257,9 @@ def norm(a: int) -> int:
 def compare(a: int, b: int) -> int:
     """-1, 0 or 1 as CMPF followed by a branch finds a below, equal to or above b.
 
-    CMPF subtracts as SUBF does: a difference that underflows sets Z, so two values less than 2^-127 apart are equal.
-    For all others the sign is that of the exact difference.
+    CMPF subtracts as SUBF does, and a difference that underflows sets Z: two values less than 2^-127 apart are
+    equal, and so are a and a + 2^-127 (but not a + 2^-127 and a: only the negative difference underflows).
+    Everywhere else the result is the sign of the exact difference.
     """
     difference = sub(a, b)
     if difference == ZERO:

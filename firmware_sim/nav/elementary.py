@@ -138,7 +138,7 @@ _SINE_HIGH, _SINE_LOW = zip(*(split_two_word(math.sin(angle)) for angle in _ANGL
 _COSINE_HIGH, _COSINE_LOW = zip(*(split_two_word(math.cos(angle)) for angle in _ANGLES), strict=True)
 
 _SINE_3, _SINE_5, _SINE_7 = -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0
-_COSINE_2, _COSINE_4, _COSINE_6, _COSINE_8 = -0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0
+_COSINE_4, _COSINE_6, _COSINE_8 = 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0
 
 
 @kernel
@@ -149,28 +149,31 @@ def _sine_cosine_octant(high: float, low: float) -> tuple[float, float, float, f
     sin(A + d) = sin A + (cos A sin d + sin A (cos d - 1)), cos(A + d) = cos A + (cos A (cos d - 1) - sin A sin d).
     """
     k = int(8.0 * high + 0.5)
-    i = k & 15
+    sin_a = _SINE_HIGH[k & 15]
+    sin_a_low = _SINE_LOW[k & 15]
+    cos_a = _COSINE_HIGH[k & 15]
+    cos_a_low = _COSINE_LOW[k & 15]
     step = high - 0.125 * float(k)
     d = step + low
     d_low = (step - d) + low
 
+    # sin d = d + sine_rest, cos d = 1 + cosine_rest; half of d squared is kept to 32 bits.
     square = d * d
     sine_rest = d_low + d * square * (_SINE_3 + square * (_SINE_5 + square * _SINE_7))
-    cosine_rest = square * (_COSINE_2 + square * (_COSINE_4 + square * (_COSINE_6 + square * _COSINE_8)))
-
+    cosine_rest = square * square * (_COSINE_4 + square * (_COSINE_6 + square * _COSINE_8)) - 0.5 * d * d
     sine_d = d + sine_rest
     cosine_d = 1.0 + cosine_rest
 
     # The great terms, table and product with d, stay apart from the small ones: these then round far below a unit.
-    small = _SINE_LOW[i] * cosine_d + _COSINE_LOW[i] * sine_d + _COSINE_HIGH[i] * sine_rest
-    small = small + _SINE_HIGH[i] * cosine_rest
-    sin_high = _SINE_HIGH[i] + (_COSINE_HIGH[i] * d + small)
-    sin_low = ((_SINE_HIGH[i] - sin_high) + _COSINE_HIGH[i] * d) + small
+    small = sin_a_low * cosine_d + cos_a_low * sine_d + cos_a * sine_rest
+    small = small + sin_a * cosine_rest
+    sin_high = sin_a + (cos_a * d + small)
+    sin_low = ((sin_a - sin_high) + cos_a * d) + small
 
-    small = _COSINE_LOW[i] * cosine_d - _SINE_LOW[i] * sine_d - _SINE_HIGH[i] * sine_rest
-    small = small + _COSINE_HIGH[i] * cosine_rest
-    cos_high = _COSINE_HIGH[i] + (small - _SINE_HIGH[i] * d)
-    cos_low = ((_COSINE_HIGH[i] - cos_high) - _SINE_HIGH[i] * d) + small
+    small = cos_a_low * cosine_d - sin_a_low * sine_d - sin_a * sine_rest
+    small = small + cos_a * cosine_rest
+    cos_high = cos_a + (small - sin_a * d)
+    cos_low = ((cos_a - cos_high) - sin_a * d) + small
     return sin_high, sin_low, cos_high, cos_low
 
 

@@ -89,7 +89,8 @@ def increments_of(
 
     ``sums`` holds gyro x y z and accelerometer x y z of the first n1 samples, then of the last n2. The totals are added as
     integers and rounded once. Coning and sculling follow from rates linear in time over parts of lengths n1 and n2:
-    the factor of alpha1 x alpha2 is N^2/(6 n1 n2), which is the usual 2/3 for halves.
+    the factor of alpha1 x alpha2 is N^2/(6 n1 n2), which is the usual 2/3 for halves. The second-order term of the rotation,
+    alpha x (alpha x v)/6, is worth 10 mm after 10 min of a 3 deg/s turn.
     """
     alpha = zeros(3)
     alpha1 = zeros(3)
@@ -101,6 +102,7 @@ def increments_of(
     sculling = zeros(3)
     twist = zeros(3)
     turn = zeros(3)
+    turn_again = zeros(3)
     for i in range(3):
         total = float(sums[i] + sums[i + 6])
         alpha[i] = total * scale[GYRO_LSB] + total * scale[GYRO_LSB + 1]
@@ -121,10 +123,11 @@ def increments_of(
     cross(alpha1, v2, sculling)
     cross(v1, alpha2, twist)
     cross(alpha, v, turn)
+    cross(alpha, turn, turn_again)
     for i in range(3):
         rotation_rad[i] = alpha[i] + factor * coning[i]
         compensation = sculling[i] + twist[i]
-        velocity_mps[i] = v[i] + (0.5 * turn[i] + factor * compensation)
+        velocity_mps[i] = v[i] + (0.5 * turn[i] + turn_again[i] * (1.0 / 6.0) + factor * compensation)
     return samples * scale[SAMPLE_PERIOD] + samples * scale[SAMPLE_PERIOD + 1]
 
 
