@@ -82,8 +82,9 @@ def _significand(x: int) -> int:
 def _normalised(significand: int, exponent: int) -> int:
     """Register value of ``significand * 2^(exponent - 31)``, bits beyond 32 dropped, with the flags it raises.
 
-    The end of every flowchart of chapter 5 (5-28, 5-33, 5-38, 5-40). A zero is no underflow: 5-33 reaches it
-    by another way than step 15, and ADDF's UF is "1 if a floating-point underflow occurs".
+    The end of every flowchart of chapter 5 (5-28, 5-33, 5-38, 5-40). An exact zero is no underflow, though the
+    definition of UF on page 13-29 (exponent <= -128) read alone would make it one: the flowcharts reach zero
+    and underflow by different ways, and NORM's page (13-182) gives a zero operand Z = 1 and UF = 0.
     """
     if significand == 0:
         return ZERO

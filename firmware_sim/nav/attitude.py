@@ -31,24 +31,28 @@ def quaternion_product(p: Real[4], q: Real[4], product: Real[4]) -> None:
 
 
 @kernel
-def rotation_less_one(rotation_rad: Real[3], sign: float, quaternion: Real[4]) -> None:
-    """The quaternion of ``sign`` times a rotation vector, less the unit quaternion.
+def rotation_less_one(rotation_rad: Real[3], carry: Real[3], quaternion: Real[4]) -> None:
+    """The quaternion of a rotation vector r, less the unit quaternion: (cos(|r|/2) - 1, sin(|r|/2) r/|r|).
 
-    (cos(r/2) - 1, sin(r/2) r/|r|) as series in r^2, good to 1e-16 for |r| up to 0.1 rad. Kept apart from the 1 because
-    half of Earth rate's 1.5e-6 rad a cycle is only a dozen units of the last place of an element near one.
+    Series in r^2, good to 1e-16 for |r| up to 0.1 rad. Kept apart from the 1 because half of Earth rate's 1.5e-6 rad a cycle is
+    only a dozen units of the last place of an element near one. ``carry`` takes what rounding dropped to the next call.
     """
     square = (
         rotation_rad[0] * rotation_rad[0] + rotation_rad[1] * rotation_rad[1] + rotation_rad[2] * rotation_rad[2]
     )
     quaternion[0] = square * (square * (1.0 / 384.0 - square * (1.0 / 46080.0)) - 0.125)
-    factor = 0.5 - square * (1.0 / 48.0 - square * (1.0 / 3840.0))
-    signed = sign * factor
+    # sin(|r|/2)/|r| = 1/2 - shortfall: 1/2 is exact in both factors, so nearly nothing is cut.
+    shortfall = square * (1.0 / 48.0 - square * (1.0 / 3840.0))
     for i in range(3):
-        quaternion[i + 1] = signed * rotation_rad[i]
+        dropped = carry[i]
+        quaternion[i + 1] = 0.5 * rotation_rad[i] - (shortfall * rotation_rad[i] - dropped)
+        carry[i] = (0.5 * rotation_rad[i] - quaternion[i + 1]) - (shortfall * rotation_rad[i] - dropped)
 
 
 @kernel
-def rotate_quaternion(q: Real[4], q_low: Real[4], body_rad: Real[3], platform_rad: Real[3]) -> None:
+def rotate_quaternion(
+    q: Real[4], q_low: Real[4], body_rad: Real[3], body_carry: Real[3], platform_rad: Real[3]
+) -> None:
     """Turn q by the body's rotation and against the platform's: q <- p* q b, normalised, with compensation.
 
     With b = 1 + beta and p* = 1 + pi the increment is r + pi (q + r), r = q beta: small numbers throughout.
@@ -58,8 +62,11 @@ def rotate_quaternion(q: Real[4], q_low: Real[4], body_rad: Real[3], platform_ra
     r = zeros(4)
     turned = zeros(4)
     change = zeros(4)
-    rotation_less_one(body_rad, 1.0, beta)
-    rotation_less_one(platform_rad, -1.0, pi)
+    rotation_less_one(body_rad, body_carry, beta)
+    # The platform turns by some 1e-6 rad a cycle: the terms beyond the first vanish in a double.
+    pi[0] = 0.0
+    for i in range(3):
+        pi[i + 1] = -0.5 * platform_rad[i]
     quaternion_product(q, beta, r)
     for i in range(4):
         turned[i] = q[i] + r[i]

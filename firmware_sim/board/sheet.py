@@ -1,0 +1,324 @@
+"""The board sheet: what a TOML file may set, and the frozen tree of values that the board is built from.
+
+The dataclasses are the table of keys: each field carries its default, range, unit and meaning, and
+validation, ``KEYS`` and the manual page all read them there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from firmware_sim.board.clock import Oscillator, cycles_of, exact
+from firmware_sim.errors import UsageError
+
+STANDARD_GRAVITY_MPS2 = 9.80665
+MIN_TICK_CYCLES = 20_000
+"""A tick shorter than this could not hold even the saving of registers, the samples' services and a packed frame."""
+
+_MAX_BAUD_ERROR = Fraction(2, 100)
+_WORD_MAX = 2**31
+
+
+class Key(NamedTuple):
+    """One key of the board file. ``allowed`` is a pair (low, high), or the words that may stand there."""
+
+    section: str
+    name: str
+    kind: type
+    allowed: tuple[Any, ...]
+    unit: str
+    default: Any
+    meaning: str
+
+
+def _key(default: Any, allowed: tuple[Any, ...], unit: str, meaning: str) -> Any:
+    return field(default=default, metadata={"allowed": allowed, "unit": unit, "meaning": meaning})
+
+
+@dataclass(frozen=True)
+class ProcessorSheet:
+    """[processor]"""
+
+    clkin_hz: int = _key(50_000_000, (2_000_000, 60_000_000), "Hz", "clock input, even; H1 is half of it")
+
+
+@dataclass(frozen=True)
+class TickSheet:
+    """[tick]"""
+
+    period_s: float = _key(0.02, (0.0005, 10.0), "s", "period of the navigation tick, a whole number of timer counts")
+
+
+@dataclass(frozen=True)
+class AdcSheet:
+    """[adc], and the weight of one count.
+
+    ``lsb_override`` (gyro [rad], accelerometer [m/s]) is no key of the file: a recording of counts brings it.
+    """
+
+    rate_hz: float = _key(1000.0, (1.0, 100_000.0), "Hz", "nominal samples per second")
+    offset_ppm: float = _key(0.0, (-10_000.0, 10_000.0), "ppm", "how much faster than nominal the A/D oscillator runs")
+    kind: str = _key("integrating", ("integrating", "sampling"), "", "sigma-delta, or sample and hold")
+    bits: int = _key(24, (8, 32), "bit", "resolution, sign included")
+    gyro_range_degps: float = _key(200.0, (0.001, 100_000.0), "deg/s", "full scale of the gyros, plus and minus")
+    acc_range_g: float = _key(5.0, (0.001, 100_000.0), "9.80665 m/s2", "full scale of the accelerometers")
+    conversion_s: float = _key(10e-6, (0.0, 1.0), "s", "from the sampling instant to the end of conversion")
+    lsb_override: tuple[float, float] | None = None
+
+    @property
+    def period_s(self) -> float:
+        """Nominal sample period [s]: what firmware takes a sample to last."""
+        return 1.0 / self.rate_hz
+
+    @property
+    def gyro_lsb_rad(self) -> float:
+        """Weight of one gyro count [rad], as an increment over a nominal sample period."""
+        if self.lsb_override:
+            return self.lsb_override[0]
+        return math.radians(self.gyro_range_degps) / 2 ** (self.bits - 1) / self.rate_hz
+
+    @property
+    def acc_lsb_mps(self) -> float:
+        """Weight of one accelerometer count [m/s], as an increment over a nominal sample period."""
+        if self.lsb_override:
+            return self.lsb_override[1]
+        return self.acc_range_g * STANDARD_GRAVITY_MPS2 / 2 ** (self.bits - 1) / self.rate_hz
+
+
+@dataclass(frozen=True)
+class UartSheet:
+    """[uart]"""
+
+    crystal_hz: int = _key(1_843_200, (100_000, 16_000_000), "Hz", "crystal of the 16C550")
+    baud: int = _key(115_200, (50, 1_000_000), "baud", "line rate; a divisor must reach it within 2 %")
+
+
+@dataclass(frozen=True)
+class BudgetSheet:
+    """[budget]"""
+
+    nav_cycles: int | None = _key(
+        None, (1, 600_000_000), "cycles", "execution allowed to the solver service; without it, the tick period"
+    )
+
+
+@dataclass(frozen=True)
+class LineSheet:
+    """[line]"""
+
+    policy: str = _key("hold", ("hold", "drop", "wait"), "", "what becomes of bytes that nobody reads")
+    linger_s: float = _key(1.0, (0.0, 3600.0), "s", "how long the end of a run waits for a reader, by the wall clock")
+
+
+@dataclass(frozen=True)
+class BoardSheet:
+    """All values of a board. ``source`` names where they came from, for messages.
+
+    Raises UsageError, naming source and key, when a value is of a wrong type or out of range, or when values
+    do not fit together.
+    """
+
+    processor: ProcessorSheet = ProcessorSheet()
+    tick: TickSheet = TickSheet()
+    adc: AdcSheet = AdcSheet()
+    uart: UartSheet = UartSheet()
+    budget: BudgetSheet = BudgetSheet()
+    line: LineSheet = LineSheet()
+    source: str = "the default board"
+
+    def __post_init__(self) -> None:
+        for key in KEYS:
+            complaint = _complaint(key, getattr(getattr(self, key.section), key.name))
+            if complaint:
+                raise UsageError(f"{self.source}: {complaint}")
+        for check in (_check_clock, _check_tick, _check_samples, _check_baud, _check_budget):
+            complaint = check(self)
+            if complaint:
+                raise UsageError(f"{self.source}: {complaint}")
+
+    @property
+    def h1_hz(self) -> int:
+        """Cycles per second."""
+        return self.processor.clkin_hz // 2
+
+    @property
+    def timer_period(self) -> int:
+        """Period register of TIMER0 for the tick, in pulse mode (counts of H1/2)."""
+        return round(exact(self.tick.period_s) * self.h1_hz / 2)
+
+    @property
+    def tick_cycles(self) -> int:
+        """Cycles from tick to tick."""
+        return 2 * self.timer_period
+
+    @property
+    def budget_cycles(self) -> int:
+        """Cycles of execution that the solver service may take."""
+        return self.budget.nav_cycles or self.tick_cycles
+
+    @property
+    def sample_oscillator(self) -> Oscillator:
+        """The A/D's own oscillator, offset included."""
+        return Oscillator.from_period(self.h1_hz / self.true_rate_hz)
+
+    @property
+    def conversion_cycles(self) -> int:
+        """Cycles from a sampling instant to the end of conversion."""
+        return cycles_of(self.adc.conversion_s, self.h1_hz)
+
+    @property
+    def samples_per_tick(self) -> Fraction:
+        """Samples that the A/D makes in one tick, on average."""
+        return exact(self.tick.period_s) * self.true_rate_hz
+
+    @property
+    def true_rate_hz(self) -> Fraction:
+        return exact(self.adc.rate_hz) * (1 + exact(self.adc.offset_ppm) / 1_000_000)
+
+    @property
+    def uart_divisor(self) -> int:
+        """Divisor latch of the UART for the line rate of the sheet."""
+        return max(1, round(Fraction(self.uart.crystal_hz, 16 * self.uart.baud)))
+
+    def with_adc(self, *, rate_hz: float, lsb: tuple[float, float] | None = None) -> BoardSheet:
+        """The same board with the A/D of a recording: its rate [Hz] and, for counts, the weights [rad, m/s] of one.
+
+        Raises UsageError when such samples do not fit the tick.
+        """
+        return dataclasses.replace(self, adc=dataclasses.replace(self.adc, rate_hz=rate_hz, lsb_override=lsb))
+
+
+_SECTIONS: dict[str, Any] = {
+    entry.name: type(entry.default)
+    for entry in dataclasses.fields(BoardSheet)
+    if dataclasses.is_dataclass(entry.default)
+}
+_KINDS = {"int": int, "float": float, "str": str, "int | None": int}
+
+
+def _keys() -> Iterator[Key]:
+    for section, sheet_class in _SECTIONS.items():
+        for entry in dataclasses.fields(sheet_class):
+            if entry.metadata:
+                kind = _KINDS[str(entry.type)]
+                yield Key(section, entry.name, kind, default=entry.default, **entry.metadata)
+
+
+KEYS = tuple(_keys())
+"""Every key of a board file, in the order of the file."""
+
+
+def load_sheet(path: Path | str | None = None) -> BoardSheet:
+    """Read and check a board file; the defaults of the board when ``path`` is None.
+
+    Raises UsageError, naming file and key, for a file that cannot be read, an unknown key, a wrong type, a
+    value out of range, and values that do not fit together.
+    """
+    if path is None:
+        return BoardSheet()
+    source = str(path)
+    try:
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"{source}: expected a readable board file, found: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"{source}: expected TOML, found: {error}") from None
+    sections = {name: _section(source, name, entries) for name, entries in table.items()}
+    return BoardSheet(**sections, source=source)
+
+
+def _section(source: str, name: str, entries: Any) -> Any:
+    if name not in _SECTIONS:
+        raise UsageError(f"{source}: expected the sections {', '.join(_SECTIONS)}, found [{name}]")
+    if not isinstance(entries, dict):
+        raise UsageError(f"{source}: expected a section [{name}], found {name} = {entries!r}")
+    names = [key.name for key in KEYS if key.section == name]
+    for entry in entries:
+        if entry not in names:
+            raise UsageError(f"{source}: [{name}]: expected the keys {', '.join(names)}, found {entry}")
+    return _SECTIONS[name](**entries)
+
+
+def _complaint(key: Key, value: Any) -> str:
+    """What is wrong with ``value`` for ``key``, or nothing; a key without a default may stay None."""
+    if value is None and key.default is None:
+        return ""
+    if key.kind is str:
+        fits = value in key.allowed
+        expected = " or ".join(f'"{word}"' for word in key.allowed)
+    else:
+        low, high = key.allowed
+        whole = key.kind is int
+        fits = (
+            isinstance(value, int if whole else (int, float)) and not isinstance(value, bool) and low <= value <= high
+        )
+        expected = f"{'an integer' if whole else 'a number'} from {low} to {high} {key.unit}"
+    return "" if fits else f"[{key.section}] {key.name}: expected {expected}, found {value!r}"
+
+
+def _check_clock(sheet: BoardSheet) -> str:
+    if sheet.processor.clkin_hz % 2:
+        return f"[processor] clkin_hz: expected an even number (H1 is half of it), found {sheet.processor.clkin_hz}"
+    return ""
+
+
+def _check_tick(sheet: BoardSheet) -> str:
+    if exact(sheet.tick.period_s) * sheet.h1_hz != sheet.tick_cycles:
+        nearest = sheet.tick_cycles / sheet.h1_hz
+        return (
+            f"[tick] period_s: expected a whole number of timer counts of {2 / sheet.h1_hz:g} s"
+            f" (nearest: {nearest!r}), found {sheet.tick.period_s!r}"
+        )
+    if sheet.tick_cycles < MIN_TICK_CYCLES:
+        return (
+            f"[tick] period_s: expected at least {MIN_TICK_CYCLES:_} cycles ({MIN_TICK_CYCLES / sheet.h1_hz:g} s),"
+            f" found {sheet.tick.period_s!r}"
+        )
+    return ""
+
+
+def _check_samples(sheet: BoardSheet) -> str:
+    nominal = exact(sheet.tick.period_s) * exact(sheet.adc.rate_hz)
+    samples = math.ceil(sheet.samples_per_tick)
+    if nominal < 2 or samples > 255:
+        return (
+            f"[adc] rate_hz: expected 2 to 255 samples in a tick of {sheet.tick.period_s:g} s, found {float(nominal):g}"
+        )
+    if sheet.conversion_cycles >= sheet.sample_oscillator.whole:
+        return (
+            f"[adc] conversion_s: expected less than the sample period ({sheet.adc.period_s:g} s),"
+            f" found {sheet.adc.conversion_s!r}"
+        )
+    full_scale_sum = (samples + 1) << (sheet.adc.bits - 1)
+    if full_scale_sum > _WORD_MAX:
+        return (
+            f"[adc] bits: expected a full-scale sum over one tick and one sample of at most 2^31 counts,"
+            f" found {full_scale_sum} ({samples + 1} samples of {sheet.adc.bits} bits)"
+        )
+    return ""
+
+
+def _check_baud(sheet: BoardSheet) -> str:
+    reached = Fraction(sheet.uart.crystal_hz, 16 * sheet.uart_divisor)
+    if abs(reached / sheet.uart.baud - 1) > _MAX_BAUD_ERROR:
+        return (
+            f"[uart] baud: expected a rate that a divisor of {sheet.uart.crystal_hz} Hz / 16 reaches within 2 %"
+            f" (nearest: {float(reached):g}), found {sheet.uart.baud}"
+        )
+    return ""
+
+
+def _check_budget(sheet: BoardSheet) -> str:
+    if sheet.budget_cycles > sheet.tick_cycles:
+        return (
+            f"[budget] nav_cycles: expected at most the tick period ({sheet.tick_cycles} cycles),"
+            f" found {sheet.budget.nav_cycles}"
+        )
+    return ""

@@ -1,0 +1,99 @@
+"""Frames on the serial line, without input or output: bytes in, frames out.
+
+A frame is `EB 90 | type u8 | length u8 | payload | CRC-32` (little-endian, zlib's polynomial, over type, length and
+payload); the interface control document is the source.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+START = b"\xeb\x90"
+HEADER_BYTES = 4
+CRC_BYTES = 4
+OVERHEAD_BYTES = HEADER_BYTES + CRC_BYTES
+MAX_PAYLOAD_BYTES = 255
+
+_read_crc = struct.Struct("<I").unpack_from
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One undamaged frame: its type (0..255) and its payload."""
+
+    type: int
+    payload: bytes
+
+
+def encode(frame_type: int, payload: bytes) -> bytes:
+    """The bytes of one frame on the line.
+
+    Raises ValueError for a type outside 0..255 or a payload of more than 255 bytes.
+    """
+    if not 0 <= frame_type <= 255:
+        raise ValueError(f"frame type: expected 0 to 255, found {frame_type}")
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise ValueError(f"payload: expected at most {MAX_PAYLOAD_BYTES} bytes, found {len(payload)}")
+    body = bytes((frame_type, len(payload))) + payload
+    return START + body + zlib.crc32(body).to_bytes(CRC_BYTES, "little")
+
+
+class Decoder:
+    """Finds the frames in a stream of bytes that arrives in pieces of any size.
+
+    After a wrong CRC it searches from the byte after the first start byte of what failed, so only frames that were
+    hit are lost. Start bytes that are no frame's can delay what follows by at most 263 bytes, never swallow it.
+
+    `damaged` counts start bytes whose CRC was wrong, or that the stream's end cut off; `skipped_bytes` counts the
+    bytes that belong to no undamaged frame. A frame that was hit counts once in `damaged`, and once more for each
+    pair of start bytes inside it.
+    """
+
+    def __init__(self) -> None:
+        self.damaged = 0
+        self.skipped_bytes = 0
+        self._pending = b""
+
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes that wait for the rest of their frame."""
+        return len(self._pending)
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Frames that are complete with these bytes, in their order on the line."""
+        return self._scan(self._pending + data, at_end=False)
+
+    def finish(self) -> list[Frame]:
+        """Frames behind start bytes whose frame never came to its end; the decoder is empty afterwards."""
+        return self._scan(self._pending, at_end=True)
+
+    def _scan(self, buffer: bytes, at_end: bool) -> list[Frame]:
+        frames: list[Frame] = []
+        available = len(buffer)
+        position = 0
+        while (start := buffer.find(START, position)) >= 0:
+            if start != position:
+                self.skipped_bytes += start - position
+                position = start
+            body = start + 2
+            crc_at = start + HEADER_BYTES + buffer[start + 3] if start + 3 < available else available
+            stop = crc_at + CRC_BYTES
+            if stop > available:
+                if not at_end:
+                    break
+            elif zlib.crc32(buffer[body:crc_at]) == _read_crc(buffer, crc_at)[0]:
+                frames.append(Frame(buffer[body], buffer[start + HEADER_BYTES : crc_at]))
+                position = stop
+                continue
+            self.damaged += 1
+            self.skipped_bytes += 1
+            position = start + 1
+        if start < 0:
+            # The last byte may be the first half of a start.
+            keep = 1 if not at_end and buffer[position:].endswith(START[:1]) else 0
+            self.skipped_bytes += available - keep - position
+            position = available - keep
+        self._pending = buffer[position:]
+        return frames

@@ -1,0 +1,132 @@
+"""The line to the board: a serial port, a pty or a pyserial URL. The only file of the host that touches terminals."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from types import TracebackType
+from typing import Any
+
+import serial
+
+from host.errors import UsageError
+
+DEFAULT_BAUD = 115_200
+# How long a read waits for the first byte: also how soon a stop is noticed.
+READ_TIMEOUT_S = 0.1
+_GATHER_BYTES = 4096
+
+
+class LinkLost(Exception):  # noqa: N818 - an event of the line, not somebody's error
+    """The port went away; the text says how that showed."""
+
+
+class Link:
+    """A port opened by its name, raw, eight bits without parity; `open` again after it was lost.
+
+    The name may lead to another device then: a board that starts again makes a new pty behind the same link.
+    """
+
+    def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
+        self.port = port
+        self._baud = baud
+        self._serial: Any = None
+        self._lost_pty: tuple[str, int, int] | None = None
+
+    def __enter__(self) -> Link:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def is_url(self) -> bool:
+        return "://" in self.port
+
+    @property
+    def is_gone(self) -> bool:
+        """True when the port's path leads nowhere any more. Behind a URL nothing can be seen: lost is gone."""
+        return self.is_url or not os.path.exists(self.port) or self._leads_to_the_lost_pty()  # noqa: PTH110
+
+    def open(self) -> None:
+        """Opens the port. Raises UsageError with the reason when it is no port or cannot be opened."""
+        self._check()
+        try:
+            self._serial = serial.serial_for_url(
+                self.port, baudrate=self._baud, timeout=READ_TIMEOUT_S, exclusive=None if self.is_url else True
+            )
+        except (OSError, ValueError) as error:
+            raise UsageError(f"port {self.port}: cannot be opened: {_reason(error)}") from None
+
+    def close(self) -> None:
+        if self._serial is not None:
+            port, self._serial = self._serial, None
+            # A vanished device may refuse even this.
+            try:
+                port.close()
+            except OSError:
+                return
+
+    def read(self) -> bytes:
+        """What has come, at least one byte unless the time-out passes first (then nothing).
+
+        Raises LinkLost, with the port closed, when the port went away.
+        """
+        data = b""
+        try:
+            data = bytes(self._serial.read(self._serial.in_waiting or 1))
+            # A socket shows one byte at a time: gather what is there.
+            while data and len(data) < _GATHER_BYTES and (waiting := self._serial.in_waiting):
+                data += self._serial.read(waiting)
+        except (OSError, TypeError) as error:
+            # pyserial reports an unplugged device as SerialException, as bare OSError, and as TypeError.
+            # What was read before that is kept: the next read meets the same error.
+            if not data:
+                self.close()
+                self._lost_pty = _pty_identity(self.port)
+                raise LinkLost(_reason(error)) from None
+        return data
+
+    def _check(self) -> None:
+        """Says what a path is that is no serial port, in better words than the terminal's functions have."""
+        if self.is_url or os.name == "nt":
+            return
+        try:
+            mode = os.stat(self.port).st_mode  # noqa: PTH116
+        except (OSError, ValueError) as error:
+            raise UsageError(f"port {self.port}: cannot be opened: {_reason(error)}") from None
+        if stat.S_ISDIR(mode):
+            raise UsageError(f"port {self.port}: expected a serial port, found a directory")
+        if not stat.S_ISCHR(mode):
+            raise UsageError(f"port {self.port}: expected a serial port, found a file (recorded bytes go to `stats`)")
+        if self._leads_to_the_lost_pty():
+            raise UsageError(f"port {self.port}: leads to a pty that was closed")
+
+    def _leads_to_the_lost_pty(self) -> bool:
+        """A closed pty never comes back, but its number does, as somebody else's terminal."""
+        return self._lost_pty is not None and self._lost_pty == _pty_identity(self.port)
+
+
+def _pty_identity(port: str) -> tuple[str, int, int] | None:
+    """The pty behind a name, and which making of the link it is; None for any other port."""
+    device = os.path.realpath(port)
+    if not device.startswith("/dev/pts/"):
+        return None
+    try:
+        link = os.lstat(port)
+    except OSError:
+        return None
+    return (device, link.st_ino, link.st_ctime_ns) if stat.S_ISLNK(link.st_mode) else (device, 0, 0)
+
+
+def _reason(error: Exception) -> str:
+    """The reason in few words; pyserial wraps the system's text in more or less of its own."""
+    number = getattr(error, "errno", None)
+    if number == errno.EAGAIN or "exclusively lock" in str(error):
+        return "another program has it open"
+    if isinstance(number, int):
+        return os.strerror(number)
+    return " ".join(str(error).split()) or type(error).__name__

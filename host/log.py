@@ -1,0 +1,223 @@
+"""The log: the raw bytes of a line as they were read, each read with its host time, append-only.
+
+    file   = b"\\x93NAVLOG\\n" | version u32 | chunk ...
+    chunk  = b"\\xc7LOG" | kind u8 | length u16 | host time u64 (ns since 1970) | bytes | CRC-32 u32
+
+All numbers are little-endian; the CRC (zlib's polynomial) covers everything of the chunk between its mark and the CRC.
+Each chunk goes to the operating system in one write, so a killed recorder loses the chunk in hand and no other.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from types import TracebackType
+
+from host.errors import UsageError
+
+MAGIC = b"\x93NAVLOG\n"
+VERSION = 1
+_FILE_HEADER = struct.Struct("<8sI")
+_MARK = b"\xc7LOG"
+_CHUNK_HEADER = struct.Struct("<4sBHQ")
+_CRC = struct.Struct("<I")
+MAX_CHUNK_BYTES = 0xFFFF
+_BLOCK_BYTES = 1 << 18
+
+
+class Kind(IntEnum):
+    """What a chunk holds: bytes of the line, or an event with its text (UTF-8)."""
+
+    DATA = 0
+    OPENED = 1
+    LOST = 2
+    REOPENED = 3
+    STOPPED = 4
+
+
+_EVENT_KINDS = frozenset(Kind) - {Kind.DATA}
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Bytes of the line as one read gave them; `time_ns` is None where the file keeps no time."""
+
+    time_ns: int | None
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened to the recording: the port was opened, lost, re-opened; the recorder stopped."""
+
+    time_ns: int
+    kind: Kind
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A stretch of the log that holds no whole chunk; at the end of the file it is a tail that was cut off."""
+
+    offset: int
+    length: int
+    at_end: bool
+
+
+Item = Chunk | Event | Damage
+
+
+def is_log(path: Path) -> bool:
+    """True when the file begins as a log does. Raises UsageError for a version that this program cannot read."""
+    with path.open("rb") as file:
+        head = file.read(_FILE_HEADER.size)
+    if not head.startswith(MAGIC):
+        return False
+    if len(head) == _FILE_HEADER.size and (version := _FILE_HEADER.unpack(head)[1]) != VERSION:
+        raise UsageError(f"{path}: expected a log of version {VERSION}, found version {version}")
+    return True
+
+
+def check_appendable(path: Path) -> None:
+    """Raises UsageError unless a recording may go to this file: a new or empty one, or a log."""
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise UsageError(f"{path}: expected a file to record to, found something else")
+        if status.st_size and not is_log(path):
+            raise UsageError(f"{path}: expected a new file or a log to append to, found a file that is not a log")
+    except FileNotFoundError:
+        if not path.parent.is_dir():
+            raise UsageError(f"{path}: there is no directory {path.parent}") from None
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+class LogWriter:
+    """Appends chunks to a log; nothing is buffered in this process.
+
+    Raises UsageError when the file is not a log, cannot be opened or cannot take more; what was written before an
+    error stays readable.
+    """
+
+    def __init__(self, path: Path) -> None:
+        check_appendable(path)
+        self._path = path
+        try:
+            self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be opened for writing: {error.strerror}") from None
+        self._size = os.fstat(self._fd).st_size
+        if self._size < _FILE_HEADER.size:
+            try:
+                os.ftruncate(self._fd, 0)
+                self._size = 0
+                self._append(_FILE_HEADER.pack(MAGIC, VERSION))
+            except BaseException:
+                self.close()
+                raise
+
+    def __enter__(self) -> LogWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        os.close(self._fd)
+
+    def data(self, time_ns: int, data: bytes) -> None:
+        """Keeps the bytes of one read."""
+        for start in range(0, len(data), MAX_CHUNK_BYTES):
+            self._append(_encode(Kind.DATA, time_ns, data[start : start + MAX_CHUNK_BYTES]))
+
+    def event(self, time_ns: int, kind: Kind, text: str) -> None:
+        """Keeps what happened to the recording."""
+        self._append(_encode(kind, time_ns, text.encode("utf-8", "replace")[:MAX_CHUNK_BYTES]))
+
+    def _append(self, record: bytes) -> None:
+        rest = memoryview(record)
+        try:
+            while rest:
+                rest = rest[os.write(self._fd, rest) :]
+        except OSError as error:
+            os.ftruncate(self._fd, self._size)
+            raise UsageError(
+                f"{self._path}: cannot be written: {error.strerror}; what was recorded until now stays readable"
+            ) from None
+        self._size += len(record)
+
+
+def _encode(kind: Kind, time_ns: int, data: bytes) -> bytes:
+    head = _CHUNK_HEADER.pack(_MARK, kind, len(data), time_ns)
+    crc = zlib.crc32(data, zlib.crc32(head[len(_MARK) :]))
+    return head + data + _CRC.pack(crc)
+
+
+def read_log(path: Path) -> Iterator[Item]:
+    """The chunks, events and damaged stretches of a log, in their order and in constant memory.
+
+    Damage is reported, never raised: the reader goes on at the next whole chunk.
+    """
+    with path.open("rb") as file:
+        offset = len(file.read(_FILE_HEADER.size))
+        damaged = 0
+        buffer = b""
+        at_end = False
+        while not at_end:
+            block = file.read(_BLOCK_BYTES)
+            at_end = not block
+            buffer += block
+            position = 0
+            while position < len(buffer):
+                size = _whole_chunk(buffer, position)
+                if size is None and not at_end:
+                    break
+                if size:
+                    if damaged:
+                        yield Damage(offset + position - damaged, damaged, at_end=False)
+                        damaged = 0
+                    yield from _items(buffer[position : position + size])
+                    position += size
+                else:
+                    following = buffer.find(_MARK[:1], position + 1)
+                    following = len(buffer) if following < 0 else following
+                    damaged += following - position
+                    position = following
+            buffer = buffer[position:]
+            offset += position
+        if damaged:
+            yield Damage(offset - damaged, damaged, at_end=True)
+
+
+def _whole_chunk(buffer: bytes, position: int) -> int | None:
+    """Size of the undamaged chunk at this place: 0 when there is none, None when the bytes so far do not tell."""
+    head = buffer[position : position + _CHUNK_HEADER.size]
+    if not _MARK.startswith(head[: len(_MARK)]):
+        return 0
+    if len(head) < _CHUNK_HEADER.size:
+        return None
+    crc_at = position + _CHUNK_HEADER.size + _CHUNK_HEADER.unpack(head)[2]
+    stop = crc_at + _CRC.size
+    if stop > len(buffer):
+        return None
+    good = zlib.crc32(buffer[position + len(_MARK) : crc_at]) == _CRC.unpack_from(buffer, crc_at)[0]
+    return stop - position if good else 0
+
+
+def _items(chunk: bytes) -> Iterator[Chunk | Event]:
+    """What a whole chunk holds; nothing for a kind that a later program may have added."""
+    _, kind, _, time_ns = _CHUNK_HEADER.unpack_from(chunk)
+    data = chunk[_CHUNK_HEADER.size : -_CRC.size]
+    if kind == Kind.DATA:
+        yield Chunk(time_ns, data)
+    elif kind in _EVENT_KINDS:
+        yield Event(time_ns, Kind(kind), data.decode("utf-8", "replace"))

@@ -1,0 +1,276 @@
+"""Figures of a recording as PNG files. The only file of the host that knows matplotlib."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from host.curves import Columns, Floats, Panel, Plan, Thinner, described_plan, is_navigation, navigation_plans
+from host.errors import UsageError
+from host.files import replacing
+from host.schema import Layout
+from host.source import Recording, Source
+from host.stats import Survey, choose_frame, survey
+
+_WIDTH_IN = 11.0
+_DPI = 130
+# A group of points for each pixel column of a figure.
+_PIXEL_COLUMNS = int(_WIDTH_IN * _DPI)
+# x or east, y or north, z or up; the colours of Okabe and Ito, which colour-blind readers tell apart.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
+_MANY_CURVES = len(_COLOURS)
+_STYLE = {
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": "medium",
+    "font.size": 10.0,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+    "lines.linewidth": 1.0,
+    "agg.path.chunksize": 10_000,
+}
+# WGS 84, to give the track a scale in metres.
+_EARTH_RADIUS_M = 6_378_137.0
+_EARTH_E2 = 6.694_379_990_14e-3
+_LEAST_HALF_SIDE_M = 0.5
+_NEAR_LIMIT = 0.3
+
+
+@dataclass
+class _Chart:
+    """A frame's figures while the recording is read: their plans, and the thinned points of each column."""
+
+    plans: list[Plan]
+    columns: Columns
+    curves: dict[str, Thinner]
+    track: Thinner | None
+
+
+def plot(source: Source, directory: Path) -> list[Path]:
+    """Draws the figures of a recording into a directory (made if it is not there); gives their paths.
+
+    Raises UsageError when matplotlib is missing, the directory cannot be written, or nothing can be decoded.
+    """
+    pyplot = _load_pyplot()
+    found = survey(source)
+    choose_frame(found, None)
+    _make_directory(directory)
+    charts = _charts(found)
+    _read(source, charts)
+    paths = []
+    with pyplot.rc_context(_STYLE):
+        for figure_name, figure in _drawn(pyplot, source, charts):
+            path = directory / f"{figure_name}.png"
+            try:
+                with replacing(path, source.path) as partial:
+                    figure.savefig(partial, format="png", dpi=_DPI)
+            finally:
+                pyplot.close(figure)
+            paths.append(path)
+    return paths
+
+
+def _load_pyplot() -> Any:
+    try:
+        import matplotlib as mpl
+
+        mpl.use("Agg")
+        from matplotlib import pyplot
+    except ImportError:
+        raise UsageError("plot needs matplotlib, which is not installed: pip install 'firmware-sim[figures]'") from None
+    return pyplot
+
+
+def _make_directory(directory: Path) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise UsageError(f"{directory}: expected a directory for the figures, found a file") from None
+    except OSError as error:
+        raise UsageError(f"{directory}: cannot be made: {error.strerror}") from None
+
+
+def _charts(found: Survey) -> dict[str, _Chart]:
+    """A chart for each frame name; the most frequent frame with a position gets the navigation figures."""
+    charts: dict[str, _Chart] = {}
+    taken: set[str] = set()
+    has_navigation = False
+    for name in found.frame_names():
+        layouts = found.layouts(name)
+        layout = layouts[-1]
+        seen = {field: words for (frame, field), words in found.words.items() if frame == name}
+        stride = math.ceil(sum(found.frames[each] for each in layouts) / _PIXEL_COLUMNS)
+        navigation = is_navigation(layout) and not has_navigation
+        if navigation:
+            has_navigation = True
+            plans = list(navigation_plans(layout, seen, found.source.is_log))
+        else:
+            plans = [described_plan(layout, _file_name(layout, taken), seen)]
+        taken.update(plan.name for plan in plans)
+        curves = {
+            column: Thinner(stride, watched=[1]) for plan in plans for panel in plan.panels for column in panel.columns
+        }
+        charts[name] = _Chart(plans, Columns(), curves, Thinner(stride, watched=[1, 2]) if navigation else None)
+    return charts
+
+
+def _file_name(layout: Layout, taken: set[str]) -> str:
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", layout.name)
+    return f"frame_{layout.type}_{name}" if not name.strip("_") or name in taken else f"frame_{name}"
+
+
+def _read(source: Source, charts: dict[str, _Chart]) -> None:
+    """The second reading: every point passes through the thinners of its frame."""
+    sessions: dict[str, int] = {}
+    for batch in source.batches(Recording()):
+        name = batch.layout.name
+        chart = charts[name]
+        thinners = [*chart.curves.values()] + ([chart.track] if chart.track else [])
+        if sessions.setdefault(name, batch.session) != batch.session:
+            sessions[name] = batch.session
+            for thinner in thinners:
+                thinner.interrupt()
+        columns = chart.columns.of(batch)
+        time = columns[Columns.TIME]
+        for column, thinner in chart.curves.items():
+            if column in columns:
+                thinner.add(np.column_stack((time, columns[column])))
+        if chart.track is not None and is_navigation(batch.layout):
+            chart.track.add(np.column_stack((time, columns["longitude"], columns["latitude"])))
+
+
+def _drawn(pyplot: Any, source: Source, charts: dict[str, _Chart]) -> Iterator[tuple[str, Any]]:
+    for chart in charts.values():
+        for plan in chart.plans:
+            if plan.panels:
+                yield plan.name, _draw_plan(pyplot, source, plan, chart)
+        if chart.track is not None:
+            yield "track", _draw_track(pyplot, source, chart.track.rows())
+
+
+def _draw_plan(pyplot: Any, source: Source, plan: Plan, chart: _Chart) -> Any:
+    heights = [_height_in(panel) for panel in plan.panels]
+    figure, axes = pyplot.subplots(
+        len(plan.panels),
+        1,
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
+        figsize=(_WIDTH_IN, sum(heights) + 0.8),
+        height_ratios=heights,
+    )
+    _head(figure, source, plan.title)
+    for axis, panel in zip(axes[:, 0], plan.panels, strict=True):
+        draw = _draw_lanes if panel.lanes else _draw_curves
+        draw(axis, panel, chart.curves)
+        for start in chart.columns.session_starts:
+            axis.axvline(start, color="0.4", linewidth=0.8, linestyle=":")
+    time_title = chart.columns.time_title
+    if chart.columns.session_starts:
+        time_title += "; sessions one after the other, divided by dotted lines"
+    axes[-1, 0].set_xlabel(time_title)
+    figure.align_ylabels()
+    return figure
+
+
+def _height_in(panel: Panel) -> float:
+    return 0.6 + 0.24 * len(panel.columns) if panel.lanes else 2.1
+
+
+def _head(figure: Any, source: Source, title: str) -> None:
+    figure.suptitle(f"{title} — {source.path.name}", x=0.01, ha="left", fontsize="large")
+
+
+def _draw_curves(axis: Any, panel: Panel, curves: dict[str, Thinner]) -> None:
+    for number, column in enumerate(panel.columns):
+        rows = curves[column].rows()
+        axis.plot(rows[:, 0], rows[:, 1], color=_COLOURS[number % _MANY_CURVES], label=column)
+    axis.set_ylabel(panel.title)
+    axis.margins(x=0.01)
+    axis.ticklabel_format(axis="y", useOffset=False)
+    if panel.limit is not None:
+        _draw_limit(axis, panel.limit)
+    if len(panel.columns) > 1:
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=_MANY_CURVES, borderaxespad=0.0)
+
+
+def _draw_limit(axis: Any, limit: float) -> None:
+    """Says how much of the limit the peak takes; draws the line only where it does not press the curve flat."""
+    peak = axis.dataLim.y1
+    axis.set_title(f"peak {peak:,.0f} = {peak / limit:.1%} of the tick's {limit:,.0f}", loc="right")
+    if peak > _NEAR_LIMIT * limit:
+        axis.axhline(limit, color=_COLOURS[1], linewidth=1.0, linestyle="--")
+
+
+def _draw_lanes(axis: Any, panel: Panel, curves: dict[str, Thinner]) -> None:
+    names = [column.removeprefix(f"{panel.title}: ") for column in panel.columns]
+    for number, column in enumerate(panel.columns):
+        rows = curves[column].rows()
+        axis.fill_between(
+            rows[:, 0],
+            number + 0.35,
+            number + 0.35 - 0.7 * rows[:, 1],
+            step="post",
+            color=_COLOURS[number % _MANY_CURVES],
+            linewidth=0.8,
+        )
+    axis.set_yticks(range(len(names)), names)
+    axis.set_ylim(len(names) - 0.5, -0.5)
+    axis.set_ylabel(panel.title)
+    axis.margins(x=0.01)
+
+
+def _draw_track(pyplot: Any, source: Source, rows: Floats) -> Any:
+    """Longitude against latitude with one scale in metres, which the upper and right axes show from the start."""
+    figure, axis = pyplot.subplots(figsize=(9.0, 8.0), layout="constrained")
+    _head(figure, source, "Track")
+    longitude, latitude = rows[:, 1], rows[:, 2]
+    known = ~np.isnan(longitude)
+    axis.plot(longitude, latitude, color=_COLOURS[0])
+    axis.plot(longitude[0], latitude[0], "o", color=_COLOURS[2], label="start")
+    axis.plot(longitude[-1], latitude[-1], "s", color=_COLOURS[1], label="end")
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.07), ncols=2, borderaxespad=0.0)
+    east_m, north_m = _metres_per_degree(float(latitude[0]))
+    # A square of one scale in metres, with a margin around the longer side.
+    half_m = max(0.55 * np.ptp(longitude[known]) * east_m, 0.55 * np.ptp(latitude[known]) * north_m, _LEAST_HALF_SIDE_M)
+    for values, metres, set_limits in ((longitude, east_m, axis.set_xlim), (latitude, north_m, axis.set_ylim)):
+        middle = (np.min(values[known]) + np.max(values[known])) / 2
+        set_limits(middle - half_m / metres, middle + half_m / metres)
+    axis.set_aspect(north_m / east_m)
+    axis.set(xlabel="longitude [deg]", ylabel="latitude [deg]")
+    axis.ticklabel_format(useOffset=False, style="plain")
+    axis.locator_params(nbins=6)
+    for make, origin, metres, label in (
+        (axis.secondary_xaxis, longitude[0], east_m, "east of the start [m]"),
+        (axis.secondary_yaxis, latitude[0], north_m, "north of the start [m]"),
+    ):
+        where = "top" if make == axis.secondary_xaxis else "right"
+        make(where, functions=_metre_scale(origin, metres)).set(**{f"{'xy'[where == 'right']}label": label})
+    return figure
+
+
+def _metre_scale(origin_deg: float, metres_per_degree: float) -> tuple[Any, Any]:
+    return (
+        lambda degrees: (degrees - origin_deg) * metres_per_degree,
+        lambda metres: metres / metres_per_degree + origin_deg,
+    )
+
+
+def _metres_per_degree(latitude_deg: float) -> tuple[float, float]:
+    """Metres for a degree to the east and to the north, on the ellipsoid at this latitude.
+
+    At a pole the first is kept above zero, so that there is something to draw.
+    """
+    latitude = math.radians(latitude_deg)
+    x = 1.0 - _EARTH_E2 * math.sin(latitude) ** 2
+    prime_vertical_m = _EARTH_RADIUS_M / math.sqrt(x)
+    meridian_m = prime_vertical_m * (1.0 - _EARTH_E2) / x
+    east_m = max(prime_vertical_m * math.cos(latitude), 1.0)
+    return math.radians(east_m), math.radians(meridian_m)

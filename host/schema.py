@@ -1,0 +1,240 @@
+"""What the line says about its own frames: field descriptions in, layouts out, payloads decoded to columns.
+
+The description frame (type 0) is specified in the interface control document.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from host.frames import MAX_PAYLOAD_BYTES
+
+DESCRIPTION_TYPE = 0
+_DESCRIPTION = struct.Struct("<BBBBBBd")
+_TEXTS = 5
+
+
+class Kind(IntEnum):
+    """What the value of a field is."""
+
+    QUANTITY = 0
+    FLAGS = 1
+    ENUMERATION = 2
+
+
+_KINDS = frozenset(Kind)
+
+
+@dataclass(frozen=True)
+class FieldType:
+    """How a field stands in the payload: its name, its numpy format and its size."""
+
+    name: str
+    format: str
+    size: int
+
+
+FIELD_TYPES = {
+    1: FieldType("u8", "<u1", 1),
+    2: FieldType("u16", "<u2", 2),
+    3: FieldType("u32", "<u4", 4),
+    4: FieldType("i32", "<i4", 4),
+    5: FieldType("single", "<u4", 4),
+}
+SINGLE = FIELD_TYPES[5]
+
+
+def c3x_single_to_float(words: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.float64]:
+    """Values of TMS320C3x single-precision words, exactly (SPRU031, chapter 5: exponent | sign | fraction)."""
+    bits = words.astype(np.int64)
+    exponent = ((bits >> 24) ^ 0x80) - 0x80
+    fraction = (bits & 0x7FFFFF) / 2.0**23
+    mantissa = np.where(bits & 0x800000, fraction - 2.0, fraction + 1.0)
+    return np.where(exponent == -128, 0.0, np.ldexp(mantissa, exponent))
+
+
+@dataclass(frozen=True)
+class Field:
+    """One described field: value in `unit` = raw value x `scale`; `labels` name bits or values, from 0."""
+
+    name: str
+    type: FieldType
+    offset: int
+    kind: Kind
+    scale: float
+    unit: str
+    meaning: str
+    labels: tuple[str, ...]
+
+    @property
+    def title(self) -> str:
+        """Name with unit, as columns and axes are headed."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    def bit_name(self, bit: int) -> str:
+        return self._label(bit) or f"bit {bit}"
+
+    def words(self, value: int) -> str:
+        """The value of an enumeration or the set flags in words; no flag gives an empty text."""
+        if self.kind is Kind.FLAGS:
+            bits = range(8 * self.type.size)
+            return "|".join(self.bit_name(bit) for bit in bits if value >> bit & 1)
+        return self._label(value) or f"value {value}"
+
+    def lane_names(self) -> tuple[str, ...]:
+        """A word for each bit of flags, or for each value of an enumeration that has a label."""
+        if self.kind is Kind.FLAGS:
+            return tuple(self.bit_name(bit) for bit in range(8 * self.type.size))
+        return self.labels
+
+    def _label(self, number: int) -> str:
+        return self.labels[number] if 0 <= number < len(self.labels) else ""
+
+    def engineering(self, raw: NDArray[Any]) -> NDArray[Any]:
+        """Raw numbers of the payload in the field's unit: float64, or int64 where the scale leaves an integer."""
+        if self.type is SINGLE:
+            return c3x_single_to_float(raw) * self.scale
+        if self.kind is not Kind.QUANTITY or self.scale == 1.0:
+            return raw.astype(np.int64)
+        return raw * self.scale
+
+
+@dataclass(frozen=True)
+class Layout:
+    """All fields of one frame type, in their order."""
+
+    type: int
+    name: str
+    fields: tuple[Field, ...]
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of payload that the fields reach over."""
+        return max(field.offset + field.type.size for field in self.fields)
+
+    @cached_property
+    def by_name(self) -> dict[str, Field]:
+        return {field.name: field for field in self.fields}
+
+    @cached_property
+    def _dtype(self) -> np.dtype[Any]:
+        return np.dtype(
+            {
+                "names": [field.name for field in self.fields],
+                "formats": [field.type.format for field in self.fields],
+                "offsets": [field.offset for field in self.fields],
+                "itemsize": self.size,
+            }
+        )
+
+    def decode(self, payloads: Sequence[bytes]) -> dict[str, NDArray[Any]]:
+        """Columns in engineering units, one row for each payload; every payload holds at least `size` bytes."""
+        table = np.frombuffer(b"".join(payload[: self.size] for payload in payloads), dtype=self._dtype)
+        return {field.name: field.engineering(table[field.name]) for field in self.fields}
+
+    def decode_values(self, payload: bytes) -> dict[str, int | float]:
+        """The values of one payload in engineering units."""
+        return {name: column[0].item() for name, column in self.decode([payload]).items()}
+
+
+@dataclass(frozen=True)
+class _Description:
+    frame_type: int
+    index: int
+    count: int
+    frame_name: str
+    field: Field
+
+
+def _parse(payload: bytes) -> _Description | None:
+    """The description in a payload of type 0, or None where it breaks the rules of the document."""
+    if len(payload) < _DESCRIPTION.size:
+        return None
+    frame_type, index, count, type_code, offset, kind_code, scale = _DESCRIPTION.unpack_from(payload)
+    try:
+        texts = payload[_DESCRIPTION.size :].decode("utf-8").split("\0")
+    except UnicodeDecodeError:
+        return None
+    # Five texts, each ended by a zero: a sixth, empty piece follows the last.
+    if len(texts) != _TEXTS + 1 or texts[-1] or not "".join(texts).isprintable():
+        return None
+    field_type = FIELD_TYPES.get(type_code)
+    if field_type is None or kind_code not in _KINDS:
+        return None
+    frame_name, name, unit, meaning, labels = texts[:_TEXTS]
+    words_of_a_single = field_type is SINGLE and kind_code != Kind.QUANTITY
+    if frame_type == DESCRIPTION_TYPE or index >= count or offset + field_type.size > MAX_PAYLOAD_BYTES:
+        return None
+    if not name or not math.isfinite(scale) or scale == 0.0 or words_of_a_single:
+        return None
+    names = tuple(labels.split("|")) if labels else ()
+    field = Field(name, field_type, offset, Kind(kind_code), scale, unit, meaning, names)
+    return _Description(frame_type, index, count, frame_name or f"type {frame_type}", field)
+
+
+class Schema:
+    """The frame types that the line has described completely so far (`layouts`, by type).
+
+    A description that contradicts an earlier one of its frame type starts that type anew: it is unknown again until
+    all its fields have come. `malformed` counts descriptions that break the rules; nothing is ever raised for them.
+    """
+
+    def __init__(self) -> None:
+        self.layouts: dict[int, Layout] = {}
+        self.malformed = 0
+        self.replaced = 0
+        self._seen: dict[int, dict[int, _Description]] = {}
+        self._payloads: dict[bytes, bytes] = {}
+
+    def learn(self, payload: bytes) -> Layout | None:
+        """Takes the payload of a description frame; gives the layout that it completed, if it did."""
+        key = payload[:2]
+        if self._payloads.get(key) == payload:
+            return None
+        description = _parse(payload)
+        if description is None:
+            self.malformed += 1
+            return None
+        frame_type = description.frame_type
+        if self._contradicts(description):
+            self._forget(frame_type)
+            self.replaced += 1
+        seen = self._seen.setdefault(frame_type, {})
+        seen[description.index] = description
+        self._payloads[key] = payload
+        if len(seen) < description.count:
+            return None
+        return self._complete(frame_type)
+
+    def _contradicts(self, new: _Description) -> bool:
+        seen = self._seen.get(new.frame_type, {})
+        return any(
+            (old.count, old.frame_name) != (new.count, new.frame_name) or old.index == new.index
+            for old in seen.values()
+        )
+
+    def _forget(self, frame_type: int) -> None:
+        for index in self._seen.pop(frame_type):
+            del self._payloads[bytes((frame_type, index))]
+        self.layouts.pop(frame_type, None)
+
+    def _complete(self, frame_type: int) -> Layout | None:
+        seen = self._seen[frame_type]
+        fields = tuple(seen[index].field for index in sorted(seen))
+        if len({field.name for field in fields}) < len(fields):
+            # Two fields of one name cannot both have a column.
+            self._forget(frame_type)
+            self.malformed += 1
+            return None
+        layout = Layout(frame_type, seen[0].frame_name, fields)
+        self.layouts[frame_type] = layout
+        return layout

@@ -1,0 +1,182 @@
+"""Figures: the right curves with their units, thinned without losing a peak, and files that are pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from host import plot as plot_module
+from host.curves import JITTER, Columns, Thinner, described_plan, tick_budget_cycles
+from host.log import Kind, LogWriter
+from host.plot import plot
+from host.source import Batch, Recording, open_source
+from host.stats import survey
+
+SECOND_NS = 10**9
+START_NS = 1_790_000_000 * SECOND_NS
+
+
+def columns_of(path: Path) -> tuple[Columns, list[dict[str, Any]]]:
+    columns = Columns()
+    return columns, [columns.of(batch) for batch in open_source(path).batches(Recording())]
+
+
+def pass_through(thinner: Thinner, rows: Any, batch: int = 7) -> Any:
+    for start in range(0, len(rows), batch):
+        thinner.add(rows[start : start + batch])
+    return thinner.rows()
+
+
+@given(st.integers(3, 50), st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=400))
+@settings(deadline=None, max_examples=100)
+def test_thinning_keeps_the_extremes_of_every_group(stride: int, values: list[float]) -> None:
+    rows = np.column_stack((np.arange(len(values), dtype=float), values))
+    kept = pass_through(Thinner(stride, [1]), rows)
+    kept = kept[~np.isnan(kept[:, 0])]
+    assert np.all(np.diff(kept[:, 0]) >= 0)
+    assert len(kept) <= 2 * -(-len(values) // stride)
+    sent = {tuple(row) for row in rows.tolist()}
+    assert {tuple(row) for row in kept.tolist()} <= sent
+    for start in range(0, len(values), stride):
+        group = kept[(kept[:, 0] >= start) & (kept[:, 0] < start + stride), 1]
+        assert group.min() == min(values[start : start + stride])
+        assert group.max() == max(values[start : start + stride])
+
+
+def test_few_points_are_all_kept() -> None:
+    rows = np.column_stack((np.arange(100) * 0.02, np.sin(np.arange(100))))
+    assert np.array_equal(pass_through(Thinner(1, [1]), rows), rows)
+
+
+def test_a_gap_in_time_interrupts_the_curve() -> None:
+    time = np.concatenate((np.arange(1000) * 0.02, 60 + np.arange(1000) * 0.02))
+    for stride in (1, 20):
+        kept = pass_through(Thinner(stride, [1]), np.column_stack((time, time)), batch=100)
+        breaks = np.flatnonzero(np.isnan(kept[:, 0]))
+        assert len(breaks) == 1
+        assert kept[breaks[0] - 1, 0] < 20.0 < 60.0 <= kept[breaks[0] + 1, 0]
+
+
+def test_columns_over_batches_and_sessions(tmp_path: Path, kit: Any) -> None:
+    flight = kit.Flight()
+    raw = tmp_path / "line.bin"
+    raw.write_bytes(flight.line(5000) + flight.line(50))
+    columns, batches = columns_of(raw)
+    time = np.concatenate([batch[Columns.TIME] for batch in batches])
+    # Sums of one rounding each.
+    assert time[:5000] == pytest.approx(0.02 * np.arange(5000), abs=1e-9)
+    assert columns.session_starts == [pytest.approx(99.98)]
+    assert time[5000:] == pytest.approx(99.98 + 0.02 * np.arange(50), abs=1e-9)
+    heading = np.concatenate([batch["heading"] for batch in batches])
+    # 3 deg/s from 350 deg; a single below 512 deg has units of 2^-15 deg.
+    assert heading[:5000] == pytest.approx(350 + 0.06 * np.arange(5000), abs=2**-15)
+    assert heading[5000] == 350.0
+    assert np.array_equal(np.concatenate([batch["mode: coarse"] for batch in batches])[98:102], [1, 1, 0, 0])
+    assert np.flatnonzero(np.concatenate([batch["flags: overrun"] for batch in batches])).tolist()[:2] == [7, 507]
+
+
+def test_a_heading_takes_the_shorter_way(tmp_path: Path, kit: Any) -> None:
+    """From 350 deg to 110 deg are 120 deg clockwise."""
+    raw = tmp_path / "line.bin"
+    raw.write_bytes(kit.descriptions() + kit.Flight().frame(0) + kit.Flight().frame(2000))
+    _, (batch,) = columns_of(raw)
+    assert batch["heading"].tolist() == [350.0, 470.0]
+
+
+def test_jitter_is_arrival_against_the_board(tmp_path: Path, kit: Any) -> None:
+    flight = kit.Flight()
+    path = tmp_path / "a.log"
+    with LogWriter(path) as log:
+        log.event(START_NS, Kind.OPENED, "port")
+        log.data(START_NS, kit.descriptions())
+        for number, late_ns in ((0, 0), (1, 0), (2, 3_000_000), (3, 0), (9, 0)):
+            log.data(START_NS + number * SECOND_NS // 50 + late_ns, flight.frame(number))
+    _, (batch,) = columns_of(path)
+    # A float of seconds since 1970 has a resolution of 0.24 us.
+    assert batch[JITTER] == pytest.approx([0, 0, 3, -3, 0], abs=1e-3)
+
+
+def test_the_budget_follows_from_the_scales(tmp_path: Path, kit: Any) -> None:
+    raw = tmp_path / "line.bin"
+    raw.write_bytes(kit.Flight().line(2))
+    (layout,) = survey(open_source(raw)).frames
+    assert tick_budget_cycles(layout.by_name) == pytest.approx(500_000, rel=1e-12)
+    assert tick_budget_cycles({}) is None
+
+
+def test_an_unknown_frame_is_planned_from_its_description(tmp_path: Path, kit: Any) -> None:
+    row = kit.FieldRow
+    rows = (
+        row("t", 3, 0.1, "s"),
+        row("a", 4, 0.1, "V"),
+        row("b", 5, 1.0, "V"),
+        row("n", 1),
+        row("s", 1, 1.0, "", 2, "x|y"),
+    )
+    raw = tmp_path / "line.bin"
+    raw.write_bytes(kit.descriptions(6, "power", rows) + kit.frame(6, kit.payload(rows, {"s": 1})))
+    found = survey(open_source(raw))
+    (layout,) = found.frames
+    plan = described_plan(layout, "frame_power", {"s": found.words["power", "s"]})
+    assert [(panel.title, panel.columns) for panel in plan.panels] == [
+        ("[V]", ("a", "b")),
+        ("n", ("n",)),
+        ("s", ("s: y",)),
+    ]
+
+
+def test_figures_of_a_log(tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is on the axes, and that the files are pictures."""
+    flight, log_path = kit.Flight(), tmp_path / "a.log"
+    rows = (kit.FieldRow("volt", 5, 1.0, "V"),)
+    with LogWriter(log_path) as log:
+        log.event(START_NS, Kind.OPENED, "port")
+        log.data(START_NS, kit.descriptions(9, "power/1", rows) + kit.frame(9, bytes(4)) * 3)
+        for number in range(6000):
+            log.data(
+                START_NS + number * SECOND_NS // 50,
+                flight.frame(number) + (kit.descriptions() if number == 60 else b""),
+            )
+    seen = {}
+    draw = plot_module._drawn
+
+    def watch(*arguments: Any) -> Any:
+        for name, figure in draw(*arguments):
+            seen[name] = [(axis.get_xlabel(), axis.get_ylabel(), axis.get_lines()) for axis in figure.axes]
+            yield name, figure
+
+    monkeypatch.setattr(plot_module, "_drawn", watch)
+    paths = plot(open_source(log_path), tmp_path / "figures")
+    names = ["attitude", "velocity", "increments", "timing", "status", "track", "frame_power_1"]
+    assert [path.stem for path in paths] == names
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == sorted(f"{name}.png" for name in names)
+    assert all(path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n") for path in paths)
+    assert [label for _, label, _ in seen["attitude"]] == ["pitch [deg]", "roll [deg]", "heading, unwrapped [deg]"]
+    assert [label for _, label, _ in seen["timing"]] == ["solver [cycles]", "arrival jitter [ms]", "total"]
+    assert [line.get_label() for line in seen["velocity"][0][2]] == ["vel_east", "vel_north"]
+    assert seen["attitude"][-1][0] == "board time [s]"
+    heading = seen["attitude"][2][2][0].get_xydata()
+    assert heading[-1] == pytest.approx([119.98, 350 + 3 * 119.98], abs=1e-4)
+    assert seen["track"][0][:2] == ("longitude [deg]", "latitude [deg]")
+    east, north = seen["track"][0][2][0].get_data()
+    assert (east[0], north[0]) == pytest.approx((37.6, 55.8), abs=1e-7)
+
+
+def test_a_board_at_rest_has_a_track(tmp_path: Path, kit: Any) -> None:
+    raw = tmp_path / "line.bin"
+    still = kit.frame(1, kit.payload(kit.NAVIGATION, kit.Flight().raw(0)))
+    raw.write_bytes(kit.descriptions() + still)
+    assert [path.stem for path in plot(open_source(raw), tmp_path)][-1] == "track"
+
+
+def test_batches_share_columns(tmp_path: Path, kit: Any) -> None:
+    raw = tmp_path / "line.bin"
+    raw.write_bytes(kit.Flight().line(5000))
+    batches: list[Batch] = list(open_source(raw).batches(Recording()))
+    assert [len(batch.arrivals) for batch in batches] == [4096, 904]
+    assert np.concatenate([batch.columns["sequence"] for batch in batches]).tolist() == list(range(5000))

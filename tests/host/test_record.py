@@ -1,0 +1,284 @@
+"""Recording from real ptys and sockets: nothing that was read is lost, whatever ends the line or the recorder."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from host.errors import UsageError
+from host.link import Link, LinkLost
+from host.log import Chunk, Event, Kind, is_log, read_log
+from host.record import Recorder, Request
+
+RUN = "import sys; from host.cli import main; sys.exit(main())"
+RUN_WITH_A_SMALL_DISK = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000)); " + RUN
+# Only a hang meets this limit.
+PATIENCE_S = 30.0
+
+
+class Pty:
+    """The board's side of a line: a pty behind a link that can be replaced."""
+
+    def __init__(self, link: Path) -> None:
+        self.link = link
+        self.master, slave = os.openpty()
+        new = link.with_suffix(".new")
+        new.symlink_to(os.ttyname(slave))
+        new.replace(link)
+        # Kept open until a reader is there: without any, what is read may be an error.
+        self._slave = slave
+
+    def write(self, data: bytes) -> None:
+        while data:
+            data = data[os.write(self.master, data[:512]) :]
+
+    def close(self, remove_link: bool) -> None:
+        if remove_link:
+            self.link.unlink()
+        os.close(self._slave)
+        os.close(self.master)
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.005)
+
+
+def logged(path: Path) -> bytes:
+    return b"".join(item.data for item in read_log(path) if isinstance(item, Chunk)) if path.exists() else b""
+
+
+def events(path: Path) -> list[Kind]:
+    return [item.kind for item in read_log(path) if isinstance(item, Event)] if path.exists() else []
+
+
+@contextmanager
+def recording(port: str, log: Path, **options: Any) -> Iterator[Recorder]:
+    """A recorder in a thread; it is asked to stop at the end."""
+    stop = threading.Event()
+    recorder = Recorder(Request(port, log, **options), stop.is_set, lambda: None)
+    thread = threading.Thread(target=recorder.run)
+    thread.start()
+    try:
+        wait_until(lambda: recorder.connected)
+        yield recorder
+    finally:
+        stop.set()
+        thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+
+
+@contextmanager
+def program(*arguments: str, code: str = RUN) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-c", code, *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_every_byte_value_arrives_unchanged(tmp_path: Path) -> None:
+    """Cooked mode would echo, and change carriage returns, end-of-file and flow-control characters."""
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+    data = bytes(range(256)) * 20
+    with recording(str(pty.link), log):
+        pty.write(data)
+        wait_until(lambda: len(logged(log)) >= len(data))
+    os.set_blocking(pty.master, False)
+    with pytest.raises(BlockingIOError):
+        os.read(pty.master, 1)
+    pty.close(remove_link=True)
+    assert logged(log) == data
+    assert events(log) == [Kind.OPENED, Kind.STOPPED]
+
+
+def test_a_new_pty_behind_the_same_name_is_followed(tmp_path: Path, kit: Any) -> None:
+    link, log = tmp_path / "port", tmp_path / "a.log"
+    first, second = kit.Flight().line(120), kit.Flight().line(60)
+    pty = Pty(link)
+    with recording(str(link), log) as recorder:
+        pty.write(first)
+        wait_until(lambda: len(logged(log)) == len(first))
+        pty.close(remove_link=True)
+        wait_until(lambda: Kind.LOST in events(log))
+        pty = Pty(link)
+        wait_until(lambda: Kind.REOPENED in events(log))
+        pty.write(second)
+        wait_until(lambda: len(logged(log)) == len(first) + len(second))
+    pty.close(remove_link=True)
+    assert logged(log) == first + second
+    assert events(log) == [Kind.OPENED, Kind.LOST, Kind.REOPENED, Kind.STOPPED]
+    assert [session.frames for session in recorder.stream.sessions] == [120, 60]
+    assert recorder.stream.lost == 0
+
+
+def test_a_stale_link_is_not_followed_to_a_stranger(tmp_path: Path) -> None:
+    """A board that was killed leaves its link; the kernel gives the pty's number to the next program that asks."""
+    pty, strangers = Pty(tmp_path / "port"), []
+    target = pty.link.readlink()
+    with Link(str(pty.link)) as link:
+        link.open()
+        pty.close(remove_link=False)
+        with pytest.raises(LinkLost):
+            link.read()
+        while not target.exists():  # the lowest free number is given
+            strangers.append(os.openpty())
+        assert link.is_gone
+        with pytest.raises(UsageError, match="leads to a pty that was closed"):
+            link.open()
+        # The same number behind a link that was made anew is a board that started again.
+        pty.link.unlink()
+        pty.link.symlink_to(target)
+        assert not link.is_gone
+        link.open()
+    for end in itertools.chain.from_iterable(strangers):
+        os.close(end)
+
+
+def test_once_ends_when_the_link_is_gone(tmp_path: Path, kit: Any) -> None:
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+    line = kit.Flight().line(55)
+    with recording(str(pty.link), log, once=True) as recorder:
+        pty.write(line)
+        wait_until(lambda: len(logged(log)) == len(line))
+        pty.close(remove_link=True)
+        wait_until(lambda: Kind.STOPPED in events(log))
+    assert not recorder.connected
+    assert events(log) == [Kind.OPENED, Kind.LOST, Kind.STOPPED]
+
+
+def test_duration_ends_the_recording(tmp_path: Path) -> None:
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+    recorder = Recorder(Request(str(pty.link), log, duration_s=0.2), lambda: False, lambda: None)
+    recorder.run()
+    pty.close(remove_link=True)
+    assert events(log) == [Kind.OPENED, Kind.STOPPED]
+    assert recorder.elapsed_s >= 0.2
+
+
+def test_a_socket_is_a_port_too(tmp_path: Path, kit: Any) -> None:
+    log, line = tmp_path / "a.log", kit.Flight().line(60)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        with recording(port, log, once=True):
+            connection, _ = server.accept()
+            connection.sendall(line)
+            connection.close()
+            wait_until(lambda: Kind.STOPPED in events(log))
+    assert logged(log) == line
+
+
+def test_kill_loses_no_chunk_that_was_written(tmp_path: Path, kit: Any) -> None:
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+    line = kit.Flight().line(400)
+    with program("record", str(pty.link), "--log", str(log)) as process:
+        wait_until(lambda: Kind.OPENED in events(log))
+        for start in range(0, len(line), 500):
+            pty.write(line[start : start + 500])
+        wait_until(lambda: len(logged(log)) > len(line) // 2)
+        before = logged(log)
+        process.send_signal(signal.SIGKILL)
+        process.wait(PATIENCE_S)
+    pty.close(remove_link=True)
+    after = logged(log)
+    assert line.startswith(after)
+    assert after.startswith(before)
+    # The log goes on: the next recording appends to what is there.
+    pty = Pty(tmp_path / "port")
+    with recording(str(pty.link), log):
+        pty.write(b"more")
+        wait_until(lambda: logged(log).endswith(b"more"))
+    pty.close(remove_link=True)
+    assert logged(log) == after + b"more"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_it_cleanly(tmp_path: Path, kit: Any, number: signal.Signals) -> None:
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+    line = kit.Flight().line(60)
+    with program("record", str(pty.link), "--log", str(log)) as process:
+        wait_until(lambda: Kind.OPENED in events(log))
+        pty.write(line)
+        wait_until(lambda: len(logged(log)) == len(line))
+        process.send_signal(number)
+        output, errors = process.communicate(timeout=PATIENCE_S)
+    pty.close(remove_link=True)
+    assert process.returncode == 0
+    assert output == ""
+    # 60 navigation frames and twice the description of 27 fields
+    assert "114 frames, 0 lost, 0 damaged" in errors
+    assert events(log)[-1] is Kind.STOPPED
+
+
+def test_a_full_disk_is_one_sentence(tmp_path: Path, kit: Any) -> None:
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+    line = kit.Flight().line(60)
+    with program("record", str(pty.link), "--log", str(log), code=RUN_WITH_A_SMALL_DISK) as process:
+        wait_until(lambda: Kind.OPENED in events(log))
+        pty.write(line[:6000])
+        _, errors = process.communicate(timeout=PATIENCE_S)
+    pty.close(remove_link=True)
+    assert process.returncode == 2
+    assert errors.startswith("nav-host: ")
+    assert "cannot be written" in errors
+    assert errors.count("\n") == 1
+    assert is_log(log)
+    assert line.startswith(logged(log))
+
+
+def test_the_same_port_twice_is_refused(tmp_path: Path) -> None:
+    pty = Pty(tmp_path / "port")
+    with Link(str(pty.link)) as first, Link(str(pty.link)) as second:
+        first.open()
+        with pytest.raises(UsageError, match="another program has it open"):
+            second.open()
+    pty.close(remove_link=True)
+
+
+class FakeSerial:
+    """A device that gives its bytes and then fails as devices do."""
+
+    def __init__(self, parts: list[bytes], error: Exception) -> None:
+        self._parts = parts
+        self._error = error
+        self.closed = False
+
+    @property
+    def in_waiting(self) -> int:
+        if not self._parts:
+            raise self._error
+        return len(self._parts[0])
+
+    def read(self, size: int) -> bytes:
+        return self._parts.pop(0)
+
+    def close(self) -> None:
+        self.closed = True
+        raise OSError(5, "Input/output error")
+
+
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), TypeError("vanished")])
+def test_bytes_before_an_error_are_kept(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    device = FakeSerial([b"abc", b"de"], error)
+    monkeypatch.setattr("serial.serial_for_url", lambda *args, **options: device)
+    with Link("socket://board:1") as link:
+        link.open()
+        assert link.read() == b"abcde"
+        with pytest.raises(LinkLost):
+            link.read()
+    assert device.closed
