@@ -93,7 +93,7 @@ def jit(function: Callable[..., Any]) -> Any:
     folder = CACHE_ROOT / _fingerprint(Path(function.__code__.co_filename))
     folder.mkdir(exist_ok=True)
     os.utime(folder)
-    numba.config.CACHE_DIR = str(folder)  # read by numba while it decorates
+    vars(numba.config)["CACHE_DIR"] = str(folder)  # read by numba while it decorates
     return numba.njit(cache=True, error_model="numpy")(function)
 
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from firmware_sim.kernels.expressions import (
-    INT_MAX,
-    INT_MIN,
     Binary,
     Constant,
     Expression,
@@ -18,6 +16,7 @@ from firmware_sim.kernels.expressions import (
     Unary,
     Variable,
 )
+from firmware_sim.kernels.intrinsics import INT_MAX, INT_MIN
 
 Bounds = tuple[int, int]
 ANY: Bounds = (INT_MIN, INT_MAX)

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from enum import Enum
 
-INT_MIN, INT_MAX = -(2**31), 2**31 - 1
-
 
 class Scalar(Enum):
     """The two types of scalar."""
@@ -97,7 +95,8 @@ class Unary(Expression):
 
     @property
     def is_single(self) -> bool:
-        return self.op == "power_of_two" or (self.op in ("neg", "abs") and self.operand.is_single)
+        # -x and abs(x) of a single are not: -(-2^128) saturates to a mantissa of 32 bits.
+        return self.op == "power_of_two"
 
 
 @dataclass(frozen=True)
@@ -211,7 +210,7 @@ class Return(Statement):
 
 @dataclass(frozen=True, eq=False)
 class TypedKernel:
-    """A kernel in typed form; ``name`` is unique within a build, ``file`` and lines lead back to the source."""
+    """A kernel in typed form; ``name`` is module_function, ``file`` and lines lead back to the source."""
 
     name: str
     file: str
@@ -243,10 +242,25 @@ def in_build_order(roots: list[TypedKernel]) -> list[TypedKernel]:
     ordered: dict[TypedKernel, None] = {}
 
     def visit(kernel: TypedKernel) -> None:
-        for callee in callees(kernel):
-            visit(callee)
-        ordered.setdefault(kernel)
+        if kernel not in ordered:
+            for callee in callees(kernel):
+                visit(callee)
+            ordered[kernel] = None
 
     for root in roots:
         visit(root)
     return list(ordered)
+
+
+def unique_names(kernels: list[TypedKernel]) -> dict[TypedKernel, str]:
+    """A name for each kernel of a build: its own, with a number where an earlier kernel has that name."""
+    names: dict[TypedKernel, str] = {}
+    taken: set[str] = set()
+    for kernel in kernels:
+        name, number = kernel.name, 1
+        while name in taken:
+            number += 1
+            name = f"{kernel.name}_{number}"
+        taken.add(name)
+        names[kernel] = name
+    return names

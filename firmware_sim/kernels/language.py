@@ -7,7 +7,7 @@ float64, for a look at its numbers; the machines are built by :mod:`firmware_sim
 from __future__ import annotations
 
 import functools
-import math
+import types
 from collections.abc import Callable
 from typing import Any
 
@@ -15,10 +15,28 @@ import numpy as np
 
 from firmware_sim.errors import UsageError
 from firmware_sim.kernels.expressions import ArrayType, Scalar, TypedKernel
+from firmware_sim.kernels.intrinsics import ash, exponent, fix, lsh, power_of_two
+
+__all__ = [
+    "Int",
+    "Kernel",
+    "KernelError",
+    "Real",
+    "ash",
+    "exponent",
+    "int_zeros",
+    "kernel",
+    "lsh",
+    "power_of_two",
+    "zeros",
+]
 
 
 class KernelError(UsageError):
     """A kernel uses what the language does not admit: file, line, the construct and what is admitted."""
+
+    def __init__(self, file: str, line: int, kernel: str, message: str) -> None:
+        super().__init__(f"{file}:{line}: in kernel {kernel}: {message}")
 
 
 class _ArrayAnnotation:
@@ -38,12 +56,17 @@ Int: Any = _ArrayAnnotation(Scalar.INT)
 class Kernel:
     """A kernel: callable as plain Python; ``typed`` is what the front end makes of its source."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    __name__: str
+
+    def __init__(self, function: types.FunctionType) -> None:
         self.function = function
         functools.update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
-        return self.function(*arguments)
+        """Run as plain Python: float64 and, unlike on the machines, integers that do not wrap."""
+        # int(x) is FIX in a kernel: floor, where Python's own int cuts towards zero.
+        names = {**self.function.__globals__, "int": fix}
+        return types.FunctionType(self.function.__code__, names)(*arguments)
 
     @functools.cached_property
     def typed(self) -> TypedKernel:
@@ -54,13 +77,10 @@ class Kernel:
 
 
 def kernel(function: Callable[..., Any]) -> Kernel:
-    """Declare a function to be a kernel."""
+    """Declare a function to be a kernel. Raises TypeError for what is no plain function."""
+    if not isinstance(function, types.FunctionType):
+        raise TypeError(f"@kernel expects a plain function, found {function!r}")
     return Kernel(function)
-
-
-def wrapped(value: int) -> int:
-    """The low 32 bits of an integer, as a signed one."""
-    return ((value & 0xFFFFFFFF) ^ 0x80000000) - 0x80000000
 
 
 def zeros(*shape: int) -> Any:
@@ -71,26 +91,3 @@ def zeros(*shape: int) -> Any:
 def int_zeros(*shape: int) -> Any:
     """A local integer array, cleared."""
     return np.zeros(shape, dtype=np.int64)
-
-
-def exponent(x: float) -> int:
-    """The exponent field of ``x``: x = m 2^e with m in [1, 2) or [-2, -1); -128 for zero."""
-    if x == 0.0:
-        return -128
-    mantissa, e = math.frexp(x)
-    return e - 2 if mantissa == -0.5 else e - 1
-
-
-def power_of_two(n: int) -> float:
-    """2^n, for -127 <= n <= 127."""
-    return math.ldexp(1.0, n)
-
-
-def ash(value: int, count: int) -> int:
-    """Arithmetic shift by ``count`` bits: left when positive, right when negative (ASH, SPRU031 page 13-69)."""
-    return wrapped(value << count) if count >= 0 else value >> -count
-
-
-def lsh(value: int, count: int) -> int:
-    """Logical shift by ``count`` bits: left when positive, right when negative (LSH)."""
-    return wrapped(value << count) if count >= 0 else wrapped((value & 0xFFFFFFFF) >> -count)

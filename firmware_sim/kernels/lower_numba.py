@@ -7,16 +7,14 @@ typed expressions by the same walk; a machine differs in how it spells a float o
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from firmware_sim.c3x import floats
 from firmware_sim.jit import import_generated
 from firmware_sim.kernels.expressions import (
+    ArrayType,
     Assign,
     Binary,
     Call,
@@ -40,144 +38,62 @@ from firmware_sim.kernels.expressions import (
     Unary,
     Variable,
     in_build_order,
+    unique_names,
 )
-from firmware_sim.kernels.language import Kernel
+from firmware_sim.kernels.language import Kernel, KernelError
+from firmware_sim.kernels.machines import C3X, DOUBLE, INFIX, Machine
 
-_INFIX = {"add": "+", "sub": "-", "mul": "*", "and": "&", "or": "|", "xor": "^"}
+__all__ = ["C3X", "DOUBLE", "BuiltKernel", "Machine", "Program", "build"]
+
 _IMPORTS = """\
-import numpy as np
-
 from firmware_sim.c3x.floats import absolute, add, compare, exponent_of, fix, from_int, mul, neg, power_of_two, rnd, sub
 from firmware_sim.jit import jit
-from firmware_sim.kernels.runtime import ash, fix64, exponent64, lsh, power_of_two64, wrap
+from firmware_sim.kernels.runtime import ash, carray, exponent64, fix64, lsh, power_of_two64, stack_space, wrap
 """
 
 
-@dataclass(frozen=True)
-class Machine:
-    """How one machine holds and computes floats; integers are int64 kept in 32 bits on both."""
+class BuiltKernel:
+    """A kernel of a program, called with Python or numpy scalars and with arrays; singles as its machine holds them.
 
-    name: str
-    real_dtype: type
+    Compiled by numba on the first call, for the types of its parameters and no others. Raises TypeError for an
+    argument of another type or shape. All else (``signatures``, ``py_func``) is that of numba's ``function``.
+    """
 
-    def encode(self, value: float) -> Any:
-        """A Python float as this machine's single."""
-        raise NotImplementedError
+    def __init__(self, function: Any, kernel: TypedKernel, machine: Machine) -> None:
+        self.function = function
+        self._signature = machine.signature(kernel)
+        self._is_compiled = False
+        # numba would cut a float to an integer without a word: a float64 is no C3x single.
+        take = {Scalar.INT: operator.index, Scalar.FLOAT: machine.take_real}
+        self._scalars = [(i, take[kind]) for i, (_, kind) in enumerate(kernel.parameters) if isinstance(kind, Scalar)]
 
-    def decode(self, value: Any) -> float:
-        """This machine's scalar as a Python float."""
-        raise NotImplementedError
+    def __call__(self, *arguments: Any) -> Any:
+        if not self._is_compiled:
+            # Builds of the same source share one module: another may have compiled it.
+            if not self.function.signatures:
+                self.function.compile(self._signature)
+                self.function.disable_compile()
+            self._is_compiled = True
+        taken = list(arguments)
+        for i, take in self._scalars:
+            taken[i] = take(taken[i])
+        return self.function(*taken)
 
-    def constant(self, value: float) -> str:
-        raise NotImplementedError
-
-    def unary(self, op: str, operand: str) -> str:
-        raise NotImplementedError
-
-    def binary(self, op: str, left: str, right: str) -> str:
-        raise NotImplementedError
-
-    def rounded(self, text: str) -> str:
-        raise NotImplementedError
-
-    def comparison(self, op: str, left: str, right: str) -> str:
-        raise NotImplementedError
-
-    def array(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
-        """An array of this machine's singles from floats, same shape."""
-        wanted = np.asarray(values, dtype=np.float64)
-        encoded = [self.encode(float(value)) for value in wanted.flat]
-        return np.array(encoded, dtype=self.real_dtype).reshape(wanted.shape)
-
-    def values(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-        """The floats that an array of this machine holds."""
-        decoded = [self.decode(value) for value in array.flat]
-        return np.array(decoded, dtype=np.float64).reshape(array.shape)
-
-
-class _Double(Machine):
-    """IEEE float64: Python's own operators."""
-
-    _UNARY = {  # noqa: RUF012
-        "neg": "(-{})",
-        "abs": "abs({})",
-        "float": "float({})",
-        "fix": "fix64({})",
-        "exponent": "exponent64({})",
-        "power_of_two": "power_of_two64({})",
-    }
-
-    def encode(self, value: float) -> float:
-        return value
-
-    def decode(self, value: Any) -> float:
-        return float(value)
-
-    def constant(self, value: float) -> str:
-        return repr(float(value))
-
-    def unary(self, op: str, operand: str) -> str:
-        return self._UNARY[op].format(operand)
-
-    def binary(self, op: str, left: str, right: str) -> str:
-        return f"({left} {_INFIX[op]} {right})"
-
-    def rounded(self, text: str) -> str:
-        return text
-
-    def comparison(self, op: str, left: str, right: str) -> str:
-        return f"({left} {op} {right})"
-
-
-class _C3x(Machine):
-    """Packed extended values (exponent << 32 | mantissa) in int64."""
-
-    _UNARY = {  # noqa: RUF012
-        "neg": "neg({})",
-        "abs": "absolute({})",
-        "float": "from_int({})",
-        "fix": "fix({})",
-        "exponent": "exponent_of({})",
-        "power_of_two": "power_of_two({})",
-    }
-
-    def encode(self, value: float) -> int:
-        return int(floats.from_float64(value))
-
-    def decode(self, value: Any) -> float:
-        return float(floats.to_float64(int(value)))
-
-    def constant(self, value: float) -> str:
-        return str(self.encode(float(value)))
-
-    def unary(self, op: str, operand: str) -> str:
-        return self._UNARY[op].format(operand)
-
-    def binary(self, op: str, left: str, right: str) -> str:
-        return f"{op}({left}, {right})"
-
-    def rounded(self, text: str) -> str:
-        return f"rnd({text})"
-
-    def comparison(self, op: str, left: str, right: str) -> str:
-        return f"(compare({left}, {right}) {op} 0)"
-
-
-DOUBLE: Machine = _Double("double", np.float64)
-C3X: Machine = _C3x("c3x", np.int64)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.function, name)
 
 
 class Program:
     """Kernels built for one machine; each root kernel is an attribute by its Python name."""
 
-    def __init__(self, machine: Machine, source: str, functions: dict[str, Any]) -> None:
+    def __init__(self, machine: Machine, source: str, kernels: dict[str, BuiltKernel]) -> None:
         self.machine = machine
         self.source = source
-        self._functions = functions
+        self._kernels = kernels
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> BuiltKernel:
         try:
-            return self.__dict__["_functions"][name]
+            return self.__dict__["_kernels"][name]
         except KeyError:
             raise AttributeError(f"this program has no kernel {name}") from None
 
@@ -185,36 +101,61 @@ class Program:
 def build(kernels: Sequence[Kernel], machine: Machine) -> Program:
     """Build ``kernels`` and all that they call for ``machine``; numba compiles on the first call of each.
 
-    Raises KernelError where a kernel leaves the language.
+    Raises KernelError where a kernel leaves the language, where the machine cannot hold a constant, and where the
+    program cannot offer a kernel under its name.
     """
+    _refuse_ambiguous_names(kernels)
     typed = in_build_order([kernel.typed for kernel in kernels])
-    names = _unique_names(typed)
-    writer = _Writer(machine, names)
+    names = {kernel: f"kernel_{name}" for kernel, name in unique_names(typed).items()}
+    writer = _Writer(machine, names, roots={kernel.typed for kernel in kernels})
     source = _IMPORTS + "".join(writer.function(kernel) for kernel in typed)
-    module = import_generated(f"{machine.name}_{names[typed[-1]]}", source)
-    return Program(machine, source, {k.__name__: getattr(module, names[k.typed]) for k in kernels})
+    module = import_generated(machine.name, source)
+    return Program(
+        machine,
+        source,
+        {k.__name__: BuiltKernel(getattr(module, names[k.typed]), k.typed, machine) for k in kernels},
+    )
 
 
-def _unique_names(kernels: list[TypedKernel]) -> dict[TypedKernel, str]:
-    names: dict[TypedKernel, str] = {}
+def _refuse_ambiguous_names(kernels: Sequence[Kernel]) -> None:
+    first: dict[str, Kernel] = {}
     for kernel in kernels:
-        same = sum(other.name == kernel.name for other in names)
-        names[kernel] = f"{kernel.name}_{same}" if same else kernel.name
-    return names
+        typed = kernel.typed
+        if first.setdefault(kernel.__name__, kernel) is not kernel:
+            raise KernelError(typed.file, typed.line, kernel.__name__, "another kernel of this name is in the build")
+        if kernel.__name__ in ("machine", "source"):
+            raise KernelError(typed.file, typed.line, kernel.__name__, "a program has an attribute of this name")
 
 
 class _Writer:
-    """Writes Python source for numba from typed kernels."""
+    """Writes Python source for numba from typed kernels.
 
-    def __init__(self, machine: Machine, names: dict[TypedKernel, str]) -> None:
+    The locals of a kernel get the prefix ``v_`` and kernels ``kernel_``, so that no name that an author chooses
+    can hide an operation.
+    """
+
+    def __init__(self, machine: Machine, names: dict[TypedKernel, str], roots: set[TypedKernel]) -> None:
         self.machine = machine
         self.names = names
+        self.roots = roots
+        self.kernel: TypedKernel
 
     def function(self, kernel: TypedKernel) -> str:
-        parameters = ", ".join(name for name, _ in kernel.parameters)
-        lines = ["", "", f"# {kernel.file}:{kernel.line}", "@jit", f"def {self.names[kernel]}({parameters}):"]
-        body = self._block(kernel.body)
-        return "\n".join([*lines, *body]) + "\n"
+        """The source of one function."""
+        self.kernel = kernel
+        parameters = ", ".join(_local(name) for name, _ in kernel.parameters)
+        lines = ["", "", "@jit", f"def {self.names[kernel]}({parameters}):"]
+        guards = self._shape_guards() if kernel in self.roots else []
+        return "\n".join([*lines, *guards, *self._block(kernel.body)]) + "\n"
+
+    def _shape_guards(self) -> list[str]:
+        """Only Python can pass an array of another shape, which the code would write past."""
+        lines = []
+        for name, kind in self.kernel.parameters:
+            if isinstance(kind, ArrayType):
+                message = f"expected an array of shape {kind.shape} for {name}"
+                lines += [f"    if {_local(name)}.shape != {kind.shape}:", f'        raise TypeError("{message}")']
+        return lines
 
     def _block(self, statements: tuple[Statement, ...]) -> list[str]:
         lines = [line for statement in statements for line in self._statement(statement)]
@@ -223,7 +164,7 @@ class _Writer:
     def _statement(self, statement: Statement) -> list[str]:
         match statement:
             case Assign():
-                return [f"{statement.name} = {self._stored(statement.value)}"]
+                return [f"{_local(statement.name)} = {self._stored(statement.value)}"]
             case Store():
                 target = self._element(statement.array, statement.indices)
                 return [f"{target} = {self._stored(statement.value)}"]
@@ -235,15 +176,18 @@ class _Writer:
                 lines = [f"if {self._condition(statement.condition)}:", *self._block(statement.then)]
                 return [*lines, "else:", *self._block(statement.otherwise)] if statement.otherwise else lines
             case For():
-                head = f"for {statement.variable} in range({statement.start}, {statement.stop}):"
+                head = f"for {_local(statement.variable)} in range({statement.start}, {statement.stop}):"
                 return [head, *self._block(statement.body)]
             case LocalArray():
-                dtype = "np.int64" if statement.type.element is Scalar.INT else f"np.{self.machine.real_dtype.__name__}"
-                zero = self.machine.constant(0.0) if statement.type.element is Scalar.FLOAT else "0"
-                return [f"{statement.name} = np.full({statement.type.shape}, {zero}, {dtype})"]
+                return self._local_array(statement)
             case Return():
                 return ["return " + ", ".join(self._stored(value) for value in statement.values)]
         raise AssertionError(f"no lowering for {statement}")
+
+    def _local_array(self, statement: LocalArray) -> list[str]:
+        name, shape = _local(statement.name), statement.type.shape
+        zero = self.machine.constant(0.0) if statement.type.element is Scalar.FLOAT else "0"
+        return [f"{name} = carray(stack_space({math.prod(shape)}, {zero}), {shape})", f"{name}[...] = {zero}"]
 
     def _stored(self, value: Expression) -> str:
         """A value on its way into a variable: floats round."""
@@ -255,9 +199,9 @@ class _Writer:
     def _expression(self, value: Expression) -> str:
         match value:
             case Constant():
-                return self.machine.constant(value.value) if value.type is Scalar.FLOAT else str(int(value.value))
+                return self._constant(value.type, value.value, value.line)
             case Variable():
-                return value.name
+                return _local(value.name)
             case Element():
                 return self._element(value.array, value.indices)
             case TableElement():
@@ -273,18 +217,26 @@ class _Writer:
                 return f"({self._expression(value.then)} if {condition} else {self._expression(value.otherwise)})"
         raise AssertionError(f"no lowering for {value}")
 
+    def _constant(self, kind: Scalar, value: float, line: int) -> str:
+        if kind is Scalar.INT:
+            return str(int(value))
+        if not self.machine.holds(value):
+            message = f"the constant {value!r} is out of the range of {self.machine.name}"
+            raise KernelError(self.kernel.file, line, self.kernel.name, message)
+        return self.machine.constant(value)
+
     def _element(self, array: str, indices: tuple[Expression, ...]) -> str:
-        return f"{array}[{', '.join(self._expression(index) for index in indices)}]"
+        return f"{_local(array)}[{', '.join(self._expression(index) for index in indices)}]"
 
     def _table_element(self, value: TableElement) -> str:
-        spell = self.machine.constant if value.type is Scalar.FLOAT else lambda item: str(int(item))
-        return f"({', '.join(spell(item) for item in value.values)},)[{self._expression(value.index)}]"
+        items = ", ".join(self._constant(value.type, item, value.line) for item in value.values)
+        return f"({items},)[{self._expression(value.index)}]"
 
     def _unary(self, value: Unary) -> str:
         operand = self._expression(value.operand)
         if value.type is Scalar.INT and value.operand.type is Scalar.INT:
             return {"neg": f"wrap(-{operand})", "abs": f"wrap(abs({operand}))", "invert": f"(~{operand})"}[value.op]
-        return self.machine.unary(value.op, operand)
+        return self.machine.unary[value.op].format(operand)
 
     def _binary(self, value: Binary) -> str:
         left, right = self._expression(value.left), self._expression(value.right)
@@ -292,11 +244,11 @@ class _Writer:
             return self.machine.binary(value.op, left, right)
         if value.op in ("ash", "lsh"):
             return f"{value.op}({left}, {right})"
-        text = f"({left} {_INFIX[value.op]} {right})"
+        text = f"({left} {INFIX[value.op]} {right})"
         return f"wrap{text}" if value.op in ("add", "sub", "mul") else text
 
     def _call(self, kernel: TypedKernel, arguments: tuple[Expression | str, ...]) -> str:
-        texts = [argument if isinstance(argument, str) else self._stored(argument) for argument in arguments]
+        texts = [_local(argument) if isinstance(argument, str) else self._stored(argument) for argument in arguments]
         return f"{self.names[kernel]}({', '.join(texts)})"
 
     def _condition(self, condition: Condition) -> str:
@@ -312,3 +264,5 @@ class _Writer:
                 return "(" + f" {condition.op} ".join(self._condition(part) for part in condition.operands) + ")"
 
 
+def _local(name: str) -> str:
+    return f"v_{name}"

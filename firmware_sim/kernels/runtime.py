@@ -1,57 +1,40 @@
-"""What generated kernels call besides the C3x's floats: 32-bit integers, and float64 twins of the intrinsics."""
+"""What generated kernels call besides the C3x's floats: compiled intrinsics, and room for local arrays."""
 
 from __future__ import annotations
 
-import math
+from typing import Any
+
+import numba
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 from firmware_sim.jit import jit
-from firmware_sim.kernels.expressions import INT_MAX, INT_MIN
+from firmware_sim.kernels import intrinsics
+
+wrap = jit(intrinsics.wrapped)
+ash = jit(intrinsics.ash)
+lsh = jit(intrinsics.lsh)
+fix64 = jit(intrinsics.fix)
+exponent64 = jit(intrinsics.exponent)
+power_of_two64 = jit(intrinsics.power_of_two)
+
+# What numba does not type or does not export by its stubs.
+_numba: Any = numba
+_room: Any = cgutils.alloca_once
+carray: Any = _numba.carray
 
 
-@jit
-def wrap(value):  # type: ignore[no-untyped-def]
-    """The low 32 bits of an int64, as a signed integer."""
-    return ((value & 0xFFFFFFFF) ^ 0x80000000) - 0x80000000
+@intrinsic(prefer_literal=True)
+def stack_space(_typing_context: Any, size: Any, zero: Any) -> Any:
+    """A pointer to ``size`` (a literal) elements of the type of ``zero`` on the stack of the function that calls it.
 
+    numba's own arrays are on the heap; to make and to count them took a third of the navigation solver's time.
+    """
+    if not isinstance(size, _numba.types.IntegerLiteral):
+        return None
+    element = _numba.types.unliteral(zero)
 
-@jit
-def ash(value, count):  # type: ignore[no-untyped-def]
-    """ASH: the count is the low seven bits, signed; right shifts fill with the sign (SPRU031, ASH)."""
-    if count >= 32:
-        return 0
-    if count >= 0:
-        return wrap(value << count)
-    return value >> min(-count, 32)
+    def lower(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+        return _room(builder, context.get_value_type(element), size=size.literal_value)
 
-
-@jit
-def lsh(value, count):  # type: ignore[no-untyped-def]
-    """LSH: as ASH, but right shifts fill with zeros (SPRU031, LSH)."""
-    if count >= 32 or count <= -32:
-        return 0
-    if count >= 0:
-        return wrap(value << count)
-    return wrap((value & 0xFFFFFFFF) >> -count)
-
-
-@jit
-def fix64(x):  # type: ignore[no-untyped-def]
-    """FIX of a float64: floor, saturating to 32 bits; not-a-number gives the least integer."""
-    if not x >= INT_MIN:
-        return INT_MIN
-    return INT_MAX if x >= INT_MAX else int(math.floor(x))
-
-
-@jit
-def exponent64(x):  # type: ignore[no-untyped-def]
-    """The C3x's exponent of a float64: x = m 2^e with m in [1, 2) or [-2, -1); -128 for zero."""
-    if x == 0.0:
-        return -128
-    mantissa, e = math.frexp(x)
-    return e - 2 if mantissa == -0.5 else e - 1
-
-
-@jit
-def power_of_two64(n):  # type: ignore[no-untyped-def]
-    """2^n as a float64."""
-    return math.ldexp(1.0, n)
+    return _numba.types.CPointer(element)(size, zero), lower

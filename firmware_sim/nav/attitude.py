@@ -34,12 +34,11 @@ def quaternion_product(p: Real[4], q: Real[4], product: Real[4]) -> None:
 def rotation_less_one(rotation_rad: Real[3], carry: Real[3], quaternion: Real[4]) -> None:
     """The quaternion of a rotation vector r, less the unit quaternion: (cos(|r|/2) - 1, sin(|r|/2) r/|r|).
 
-    Series in r^2, good to 1e-16 for |r| up to 0.1 rad. Kept apart from the 1 because half of Earth rate's 1.5e-6 rad a cycle is
-    only a dozen units of the last place of an element near one. ``carry`` takes what rounding dropped to the next call.
+    Series in r^2, good to 1e-16 for |r| up to 0.1 rad. Kept apart from the 1 because half of Earth rate's 1.5e-6 rad
+    a cycle is only a dozen units of the last place of an element near one. ``carry`` takes what rounding dropped to
+    the next call.
     """
-    square = (
-        rotation_rad[0] * rotation_rad[0] + rotation_rad[1] * rotation_rad[1] + rotation_rad[2] * rotation_rad[2]
-    )
+    square = rotation_rad[0] * rotation_rad[0] + rotation_rad[1] * rotation_rad[1] + rotation_rad[2] * rotation_rad[2]
     quaternion[0] = square * (square * (1.0 / 384.0 - square * (1.0 / 46080.0)) - 0.125)
     # sin(|r|/2)/|r| = 1/2 - shortfall: 1/2 is exact in both factors, so nearly nothing is cut.
     shortfall = square * (1.0 / 48.0 - square * (1.0 / 3840.0))
@@ -145,8 +144,8 @@ def difference_of_products(
 def angles_of_matrix(T: Real[3, 3]) -> tuple[float, float, float, float]:
     """Pitch, roll, platform azimuth phi [rad] and cos(pitch) from T = C_pb.
 
-    pitch = atan2(T32, hypot(T12, T22)), which keeps its figures near +-90 deg where asin loses them; roll = atan2(-T31, T33);
-    phi = atan2(-T12, T22). Near cos(pitch) = 0 roll and phi are not separately defined.
+    pitch = atan2(T32, hypot(T12, T22)), which keeps its figures near +-90 deg where asin loses them; roll =
+    atan2(-T31, T33); phi = atan2(-T12, T22). Near cos(pitch) = 0 roll and phi are not separately defined.
     """
     cos_pitch, _cos_pitch_low = hypotenuse_two_word(T[0, 1], 0.0, T[1, 1], 0.0)
     pitch_rad = arctangent2(T[2, 1], cos_pitch)

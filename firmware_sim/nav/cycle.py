@@ -33,7 +33,8 @@ def navigate(
 ) -> tuple[int, float, int, int]:
     """Step the states and bring out the solution: flags, height [m], latitude and longitude in their units.
 
-    See :func:`firmware_sim.nav.strapdown.step` for the inputs and :func:`firmware_sim.nav.strapdown.solution` for the arrays.
+    See :func:`firmware_sim.nav.strapdown.step` for the inputs and :func:`firmware_sim.nav.strapdown.solution` for the
+    arrays.
     """
     height_m = float(height_mm) * 0.001
     climb_mps = float(climb_mmps) * 0.001

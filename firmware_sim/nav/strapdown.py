@@ -97,11 +97,12 @@ def increments_of(
 ) -> float:
     """Rotation vector and velocity increment of the cycle in start-of-cycle body axes; gives the cycle's duration [s].
 
-    ``sums`` holds gyro x y z and accelerometer x y z of the first n1 samples, then of the last n2. The totals are added as
-    integers and rounded once. Coning and sculling follow from rates linear in time over parts of lengths n1 and n2:
-    the factor of alpha1 x alpha2 is N^2/(6 n1 n2), which is the usual 2/3 for halves. The second-order term of the rotation,
-    alpha x (alpha x v)/6, is worth 10 mm after 10 min of a 3 deg/s turn. What rounding drops from the rotation goes into the
-    next cycle's: in a steady turn it is the same each time, and would grow to 0.02 arcmin in an hour.
+    ``sums`` holds gyro x y z and accelerometer x y z of the first n1 samples, then of the last n2. The totals are
+    added as integers and rounded once. Coning and sculling follow from rates linear in time over parts of lengths n1
+    and n2: the factor of alpha1 x alpha2 is N^2/(6 n1 n2), which is the usual 2/3 for halves. The second-order term
+    of the rotation, alpha x (alpha x v)/6, is worth 10 mm after 10 min of a 3 deg/s turn. What rounding drops from
+    the rotation goes into the next cycle's: in a steady turn it is the same each time, and would grow to 0.02 arcmin
+    in an hour.
     """
     alpha = zeros(3)
     alpha1 = zeros(3)
@@ -179,8 +180,8 @@ def step(
 ) -> None:
     """One cycle of navigation: the states move from the start to the end of the summed samples.
 
-    ``velocity_change_mps`` keeps the last change of velocity: the velocity at mid-interval is extrapolated with it. The two
-    carries keep what rounding dropped from the body's rotation and from its half in the quaternion.
+    ``velocity_change_mps`` keeps the last change of velocity: the velocity at mid-interval is extrapolated with it.
+    The two carries keep what rounding dropped from the body's rotation and from its half in the quaternion.
     """
     rotation_rad = zeros(3)
     dv_b = zeros(3)
@@ -255,8 +256,8 @@ def solution(
 ) -> int:
     """What users want to know, from the states; gives the flags (GIMBAL, POLE, HEIGHT_RANGE).
 
-    ``angles_rad``: pitch, roll, azimuth (counter-clockwise), heading (clockwise), wander. ``place``: latitude and its low
-    word, longitude and its low word [rad].
+    ``angles_rad``: pitch, roll, azimuth (counter-clockwise), heading (clockwise), wander. ``place``: latitude and its
+    low word, longitude and its low word [rad].
     """
     T = zeros(3, 3)
     T_low = zeros(3, 3)

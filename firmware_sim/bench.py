@@ -1,0 +1,281 @@
+"""The bench: the one place that plugs a plant, a firmware and a board together and runs them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_sim.board.adc import Converter
+from firmware_sim.board.board import Board
+from firmware_sim.board.line import Line, NullLine, Pacer
+from firmware_sim.board.sheet import BoardSheet
+from firmware_sim.errors import UsageError
+from firmware_sim.firmware.native import NativeProcessor
+from firmware_sim.firmware.services import ADC_SERVICE, NAV_SERVICE, SERVICES, UART_SERVICE
+from firmware_sim.firmware.solver import SOLUTION_FIELDS, Solver, Start
+from firmware_sim.firmware.stopwatch import EXECUTION, JITTER, RESPONSE, times_of
+from firmware_sim.kernels.lower_numba import C3X, DOUBLE
+from firmware_sim.plant.scenario import Scenario
+from firmware_sim.plant.source import Block, Source
+from firmware_sim.report import ErrorRecord, Report
+
+ENGINES = {"double": DOUBLE, "c3x": C3X}
+DEFAULT_DURATION_S = 60.0
+# Virtual time between looks at line, progress and errors: free-running, and under --rt (so that bytes flow evenly).
+_SLICE_S, _SLICE_REAL_TIME_S = 1.0, 0.01
+_PROGRESS_S = 0.5
+
+
+class WallLimitError(Exception):
+    """The wall-clock watchdog bit: the run took longer than it was allowed to."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What to run. ``duration_s`` None takes the scenario's own, or a minute; ``wall_limit_s`` None waits for ever."""
+
+    scenario: Scenario
+    sheet: BoardSheet
+    engine: str = "c3x"
+    duration_s: float | None = None
+    seed: int = 0
+    real_time_ratio: float | None = None
+    wall_limit_s: float | None = None
+
+
+def run(
+    flight: Flight,
+    line: Line | None = None,
+    progress: Callable[[float, float], None] | None = None,
+    announce: Callable[[str], None] | None = None,
+) -> Report:
+    """Run a flight to its end and report.
+
+    ``line`` takes the UART's bytes and is closed at the end (none: they are dropped). ``progress`` is called with
+    virtual seconds done and wanted; ``announce`` with a sentence when something takes its time.
+
+    Raises UsageError for what cannot be run, WallLimitError when ``wall_limit_s`` is over.
+    """
+    return _Run(flight, line or NullLine(), progress or _ignore, announce or _ignore).fly()
+
+
+def _ignore(*_: Any) -> None:
+    pass
+
+
+class _Run:
+    """One flight in progress."""
+
+    def __init__(
+        self, flight: Flight, line: Line, progress: Callable[[float, float], None], announce: Callable[[str], None]
+    ) -> None:
+        self.flight, self.line, self.progress, self.announce = flight, line, progress, announce
+        self.sheet, self.source = _open(flight)
+        self.duration_s = _duration_s(flight, self.source, self.sheet)
+        self.converter = Converter(self.sheet.adc)
+        self.board = Board(self.sheet)
+        start = _start(self.source, flight.scenario.name)
+        scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
+        self.solver = Solver(ENGINES[flight.engine], scale, start)
+        self.reference = None if flight.engine == "double" else Solver(DOUBLE, scale, start)
+        self.processor = NativeProcessor(self.sheet, self.solver, self._on_step)
+        self.log = _StepLog(self.solver, self.reference, self.source)
+        self.vs_truth, self.vs_double = ErrorRecord(), ErrorRecord()
+        self.received = b""
+
+    def fly(self) -> Report:
+        began_s = time.monotonic()
+        if not self.solver.is_compiled:
+            self.announce(
+                f"compiling the {self.flight.engine} solver: once after an installation or an edit, about a minute ..."
+            )
+        ticks = max(1, round(self.duration_s * self.sheet.h1_hz / self.sheet.tick_cycles))
+        # To just before the next tick: the last frame has the time to leave.
+        end = (ticks + 1) * self.sheet.tick_cycles - 1
+        slice_s = _SLICE_S if self.flight.real_time_ratio is None else _SLICE_REAL_TIME_S
+        slice_cycles = max(1, round(slice_s * self.sheet.h1_hz))
+        pacer = None if self.flight.real_time_ratio is None else Pacer(self.flight.real_time_ratio)
+        shown_s = began_s
+        while self.board.now < end:
+            self._run_slice(min(end, self.board.now + slice_cycles))
+            self._serve_line(began_s)
+            if pacer:
+                pacer.wait_until(self.board.now / self.sheet.h1_hz, self.line)
+            if time.monotonic() - shown_s > _PROGRESS_S:
+                shown_s = time.monotonic()
+                self.progress(min(self.board.now / self.sheet.h1_hz, self.duration_s), self.duration_s)
+        flown_s = time.monotonic() - began_s
+        if held := self.line.ledger.held:
+            self.announce(
+                f"{held} bytes wait for their reader, for up to {self.sheet.line.linger_s:g} s after its last read"
+            )
+        self.line.drain(self.sheet.line.linger_s)
+        self.line.close()
+        return self._report(flown_s, ticks * self.sheet.tick_cycles / self.sheet.h1_hz)
+
+    def _run_slice(self, until: int) -> None:
+        while self.board.samples_until <= until and (block := self._next_block()) is not None:
+            self.board.load_samples(self.converter.convert(block.increments, block.height))
+            self.log.add_truth(block)
+        self.board.run(self.processor, until)
+        self.log.close_slice(self.vs_truth, self.vs_double)
+
+    def _next_block(self) -> Block | None:
+        block = self.source.read(max(1, ceil(self.sheet.adc.rate_hz)))
+        return block if len(block.increments) else None
+
+    def _serve_line(self, began_s: float) -> None:
+        """Give the UART's bytes to the line and the host's to the UART; under ``wait`` virtual time stops here."""
+        self.line.write(self.board.take_output())
+        self.received += self.line.service()
+        self.received = self.received[self.board.receive(self.received) :]
+        limit_s = self.flight.wall_limit_s
+        while True:
+            if limit_s is not None and time.monotonic() - began_s > limit_s:
+                raise WallLimitError(
+                    f"the run took longer than {limit_s:g} s of wall time: {self.board.now / self.sheet.h1_hz:.2f} s"
+                    f" of {self.duration_s:g} s were flown"
+                )
+            if self.line.ready():
+                return
+            self.line.idle(0.05)
+
+    def _on_step(self, number: int, sums: NDArray[np.int64], n1: int, n2: int, height_mm: int, climb_mmps: int) -> None:
+        if self.reference:
+            self.reference.step(sums, n1, n2, height_mm, climb_mmps)
+        self.log.add_step(number)
+
+    def _report(self, wall_s: float, flown_s: float) -> Report:
+        state, sheet = self.processor.state[0], self.sheet
+        ledger = self.line.ledger
+        exceeded = None
+        if self.processor.nav_cycles > sheet.budget_cycles:
+            exceeded = {"nav_cycle": 1, "cycles": self.processor.nav_cycles}
+        return Report(
+            engine=self.flight.engine,
+            scenario=self.flight.scenario.name,
+            seed=self.flight.seed,
+            duration_s=flown_s,
+            wall_s=wall_s,
+            real_time_factor=flown_s / wall_s,
+            nav_cycles=int(state["ticks"]),
+            budget_cycles=sheet.budget_cycles,
+            overruns=int(state["overruns"]),
+            exceeded=exceeded,
+            timing_is="estimated",
+            timing={SERVICES[service]: self._timing(service) for service in (NAV_SERVICE, ADC_SERVICE, UART_SERVICE)},
+            interrupts_off_max_cycles=int(state["interrupts_off"]),
+            adc={"samples": int(state["samples"]), "lost": int(state["lost"])},
+            line={"sent": ledger.sent, "read": ledger.read, "held": ledger.held, "dropped": ledger.dropped},
+            frames={"dropped": self.processor.dropped_frames},
+            errors_vs_truth=self.vs_truth.as_dict(),
+            errors_vs_double=self.vs_double.as_dict(),
+        )
+
+    def _timing(self, service: int) -> dict[str, Any]:
+        """Execution at the top level, response and release jitter below it."""
+        watch = self.processor.watch[service]
+        return {
+            **times_of(watch[EXECUTION]).as_dict(),
+            "response": times_of(watch[RESPONSE]).as_dict(),
+            "release_jitter": times_of(watch[JITTER]).as_dict(),
+        }
+
+
+class _StepLog:
+    """The solutions of one slice and the truth beside them: what the errors are computed from, slice by slice."""
+
+    def __init__(self, solver: Solver, reference: Solver | None, source: Source) -> None:
+        self.solvers = [solver] if reference is None else [solver, reference]
+        self.numbers: list[int] = []
+        self.rows: list[list[NDArray[Any]]] = [[] for _ in self.solvers]
+        self.truth: list[Block] = []
+        self.source = source
+
+    def add_truth(self, block: Block) -> None:
+        if block.truth is not None:
+            self.truth.append(block)
+
+    def add_step(self, number: int) -> None:
+        self.numbers.append(number)
+        for solver, rows in zip(self.solvers, self.rows, strict=True):
+            row: NDArray[Any] = np.empty(SOLUTION_FIELDS, solver.machine.real_dtype)
+            solver.write_solution(row)
+            rows.append(row)
+
+    def close_slice(self, vs_truth: ErrorRecord, vs_double: ErrorRecord) -> None:
+        """Compare what was collected and forget it."""
+        if not self.numbers:
+            return
+        numbers = np.array(self.numbers)
+        states = [_states(solver, rows) for solver, rows in zip(self.solvers, self.rows, strict=True)]
+        vs_truth.add(states[0], self._truth_at(numbers))
+        if len(states) == 2:
+            vs_double.add(*states)
+        self.truth = [block for block in self.truth if block.first + len(block.increments) > numbers[-1]]
+        self.numbers.clear()
+        for rows in self.rows:
+            rows.clear()
+
+    def _truth_at(self, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Truth at the ends of the samples with these numbers (from 1), NaN where unknown."""
+        found = np.full((len(numbers), 9), np.nan)
+        for block in self.truth:
+            assert block.truth is not None
+            index = numbers - 1 - block.first
+            inside = (index >= 0) & (index < len(block.truth))
+            found[inside] = block.truth[index[inside]]
+        return found
+
+
+def _states(solver: Solver, rows: list[NDArray[Any]]) -> NDArray[np.float64]:
+    """Solutions as navigation states (n, 9): see report.differences; the height is not compared and left out (0)."""
+    values = solver.machine.values(np.array(rows))
+    states = np.zeros((len(values), 9))
+    states[:, 0] = values[:, 8] + values[:, 9]
+    states[:, 1] = values[:, 10] + values[:, 11]
+    states[:, 3:6] = values[:, 5:8]
+    states[:, 6:9] = values[:, 0:3]
+    return states
+
+
+def _open(flight: Flight) -> tuple[BoardSheet, Source]:
+    """The sheet as the scenario needs it, and the opened source."""
+    if flight.engine not in ENGINES:
+        raise UsageError(f"engine: expected one of {', '.join(ENGINES)}, found {flight.engine!r}")
+    sheet = flight.sheet
+    rate_hz = flight.scenario.native_rate_hz
+    if rate_hz is None:
+        return sheet, flight.scenario.source(float(1 / sheet.true_rate_hz), flight.seed)
+    source = flight.scenario.source(1.0 / rate_hz, flight.seed)
+    return sheet.with_adc(rate_hz=rate_hz, lsb=source.lsb), source
+
+
+def _duration_s(flight: Flight, source: Source, sheet: BoardSheet) -> float:
+    wanted_s = flight.duration_s or flight.scenario.duration_s or DEFAULT_DURATION_S
+    if source.samples is None:
+        return wanted_s
+    return min(wanted_s, source.samples * source.sample_period_s)
+
+
+def _start(source: Source, name: str) -> Start:
+    initial = source.initial
+    if initial is None or not initial.attitude_is_known:
+        raise UsageError(
+            f"{name}: expected a known initial attitude (key 'initial' of the recording, or a scenario file with"
+            " [recording] and [initial] pitch_deg, roll_deg, azimuth_deg), found none"
+        )
+    return Start(
+        initial.lat_rad,
+        initial.lon_rad,
+        initial.vel_t_mps,
+        initial.pitch_rad,
+        initial.roll_rad,
+        initial.azimuth_rad,
+    )

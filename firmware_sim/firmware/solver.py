@@ -1,0 +1,97 @@
+"""The navigation kernels with their memory, on one machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_sim.c3x import floats
+from firmware_sim.jit import is_compiled
+from firmware_sim.kernels.estimate import estimated_cycles
+from firmware_sim.kernels.lower_numba import Machine, build
+from firmware_sim.nav.cycle import navigate
+from firmware_sim.nav.strapdown import initialise
+
+SOLUTION_FIELDS = 12  # pitch, roll, azimuth, heading, wander; east, north, up; latitude and longitude in two words
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a navigation starts: the parameter block that the host or the bench gives to the firmware."""
+
+    lat_rad: float
+    lon_rad: float
+    vel_t_mps: tuple[float, float, float]
+    pitch_rad: float
+    roll_rad: float
+    azimuth_rad: float
+
+
+def two_words(values: list[float]) -> tuple[list[float], list[float]]:
+    """Each value as the nearest single and the remainder."""
+    high = [float(floats.to_float64(floats.from_float64(value))) for value in values]
+    return high, [value - word for value, word in zip(values, high, strict=True)]
+
+
+def _interleaved(values: list[float]) -> list[float]:
+    high, low = two_words(values)
+    return [word for pair in zip(high, low, strict=True) for word in pair]
+
+
+class Solver:
+    """States and outputs of the strapdown solver for one ``machine``.
+
+    ``scale``: weight of a gyro count [rad], of an accelerometer count [m/s], and the sample period [s].
+    """
+
+    def __init__(self, machine: Machine, scale: tuple[float, float, float], start: Start) -> None:
+        self.machine = machine
+        self._program = build([initialise, navigate], machine)
+        self._scale = machine.array(_interleaved(list(scale)))
+        shapes = [4, 4, 3, 3, 3, (3, 3), (3, 3), 3, 3]
+        self._states = [machine.array(np.zeros(shape)) for shape in shapes]
+        self._outputs = [machine.array(np.zeros(size)) for size in (5, 3, 4)]
+        self.flags = 0
+        self.height: Any = machine.encode(0.0)
+        self.latitude = 0
+        self.longitude = 0
+        self._initialise(start)
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether the first step will be quick."""
+        return is_compiled(self._program.navigate)
+
+    @staticmethod
+    def estimated_cycles() -> int:
+        """Estimated cycles of one step on the C3x, the same for every machine."""
+        return estimated_cycles(navigate.typed)
+
+    def _initialise(self, start: Start) -> None:
+        angles, angles_low = two_words([start.pitch_rad, start.roll_rad, start.azimuth_rad])
+        encode = self.machine.array
+        self._program.initialise(
+            encode(_interleaved([start.lat_rad, start.lon_rad])),
+            encode(start.vel_t_mps),
+            encode(angles),
+            encode(angles_low),
+            *self._states,
+        )
+
+    def step(self, sums: NDArray[np.int64], n1: int, n2: int, height_mm: int, climb_mmps: int) -> None:
+        """One cycle from summed counts (12,): the first n1 samples' six channels, then the last n2's."""
+        self.flags, self.height, self.latitude, self.longitude = self._program.navigate(
+            sums, n1, n2, height_mm, climb_mmps, self._scale, *self._states, *self._outputs
+        )
+
+    def write_solution(self, row: NDArray[Any]) -> None:
+        """Copy the solution into ``row`` (SOLUTION_FIELDS,), in the machine's own words."""
+        row[:5], row[5:8], row[8:12] = self._outputs
+
+    def words(self) -> NDArray[np.uint32]:
+        """The C3x singles of attitude (5), velocity (3) and height, as memory words."""
+        values = self.machine.values(np.array([*self._outputs[0], *self._outputs[1], self.height]))
+        return (floats.from_float64_array(values) >> 8).astype(np.uint32)

@@ -1,0 +1,72 @@
+"""Times of the services, kept in constant memory: exact counts, exact maxima, quantiles to 0.1 %."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_sim.jit import jit
+
+# The kinds of time of the board sheet that belong to one service.
+TIMES = ("execution", "response", "release_jitter")
+EXECUTION, RESPONSE, JITTER = range(3)
+
+# Bins: one for each cycle below 2048, then 1024 for each octave up to 2^40 cycles (12 hours).
+_EXACT, _PER_OCTAVE, _FIRST_OCTAVE, _LAST_OCTAVE = 2048, 1024, 11, 40
+_BINS = _EXACT + (_LAST_OCTAVE - _FIRST_OCTAVE) * _PER_OCTAVE
+_MAXIMUM = _BINS  # the row's last element holds the exact maximum
+
+
+@dataclass(frozen=True)
+class Times:
+    """Summary of one kind of time of one service, in cycles; zeros when there was none."""
+
+    count: int
+    max: int
+    p999: int
+    median: int
+
+    def as_dict(self) -> dict[str, int]:
+        return asdict(self)
+
+
+def new_stopwatch(services: int) -> NDArray[np.int64]:
+    """Empty histograms, of shape (services, TIMES, bins)."""
+    return np.zeros((services, len(TIMES), _BINS + 1), np.int64)
+
+
+@jit
+def note(histogram: NDArray[np.int64], cycles: int) -> None:
+    """Count one time."""
+    shift = 0
+    while cycles >> shift >= _EXACT:
+        shift += 1
+    index = cycles >> shift
+    if shift > 0:
+        index = _EXACT + (shift - 1) * _PER_OCTAVE + (index - _PER_OCTAVE)
+    histogram[min(index, _BINS - 1)] += 1
+    histogram[_MAXIMUM] = max(histogram[_MAXIMUM], cycles)
+
+
+def _largest_of_bin(index: int) -> int:
+    """The largest time that falls into a bin."""
+    if index < _EXACT:
+        return index
+    octave, place = divmod(index - _EXACT, _PER_OCTAVE)
+    return ((place + _PER_OCTAVE + 1) << (octave + 1)) - 1
+
+
+def times_of(histogram: NDArray[np.int64]) -> Times:
+    """Summarise one histogram. A quantile is the largest time of its bin, never less than the true one."""
+    cumulated = np.cumsum(histogram[:_BINS])
+    count, maximum = int(cumulated[-1]), int(histogram[_MAXIMUM])
+
+    def quantile(fraction: float) -> int:
+        rank = max(1, int(np.ceil(fraction * count)))
+        return min(maximum, _largest_of_bin(int(np.searchsorted(cumulated, rank))))
+
+    if count == 0:
+        return Times(0, 0, 0, 0)
+    return Times(count, maximum, quantile(0.999), quantile(0.5))

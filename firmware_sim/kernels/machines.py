@@ -1,0 +1,157 @@
+"""The machines of generated code: how each holds a float and how it spells an operation on floats."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_sim.c3x import floats
+from firmware_sim.kernels.expressions import ArrayType, Scalar, TypedKernel
+
+INFIX = {"add": "+", "sub": "-", "mul": "*", "and": "&", "or": "|", "xor": "^"}
+
+
+@dataclass(frozen=True)
+class Machine:
+    """How one machine holds and computes floats; integers are int64 kept in 32 bits on both.
+
+    ``unary`` spells each operation of one float operand (``{}``); ``take_real`` makes this machine's float of a
+    Python or numpy scalar that holds one, or raises TypeError.
+    """
+
+    name: str
+    real_dtype: type
+    unary: dict[str, str]
+    take_real: Callable[[Any], Any]
+
+    def encode(self, value: float) -> Any:
+        """A Python float as this machine's single; out of range saturates, too small gives zero."""
+        raise NotImplementedError
+
+    def decode(self, value: Any) -> float:
+        """This machine's scalar as a Python float."""
+        raise NotImplementedError
+
+    def holds(self, value: float) -> bool:
+        """Whether ``value`` has a single, to within half a unit of its last place."""
+        raise NotImplementedError
+
+    def constant(self, value: float) -> str:
+        """The source text of a constant."""
+        raise NotImplementedError
+
+    def binary(self, op: str, left: str, right: str) -> str:
+        """The source text of add, sub or mul."""
+        raise NotImplementedError
+
+    def rounded(self, text: str) -> str:
+        """The source text of a value rounded to a single."""
+        raise NotImplementedError
+
+    def comparison(self, op: str, left: str, right: str) -> str:
+        """The source text of == != < <= > >=."""
+        raise NotImplementedError
+
+    def array(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
+        """An array of this machine's singles from floats, same shape."""
+        wanted = np.asarray(values, dtype=np.float64)
+        encoded = [self.encode(float(value)) for value in wanted.flat]
+        return np.array(encoded, dtype=self.real_dtype).reshape(wanted.shape)
+
+    def values(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        """The floats that an array of this machine holds."""
+        decoded = [self.decode(value) for value in array.flat]
+        return np.array(decoded, dtype=np.float64).reshape(array.shape)
+
+    def signature(self, kernel: TypedKernel) -> str:
+        """The types of a kernel's arguments, as numba writes them."""
+        real = np.dtype(self.real_dtype).name
+        texts = []
+        for _, kind in kernel.parameters:
+            element = kind.element if isinstance(kind, ArrayType) else kind
+            axes = f"[{':, ' * (len(kind.shape) - 1)}::1]" if isinstance(kind, ArrayType) else ""
+            texts.append(("int64" if element is Scalar.INT else real) + axes)
+        return f"({''.join(text + ', ' for text in texts)})"
+
+
+class _Double(Machine):
+    """IEEE float64: Python's own operators."""
+
+    def encode(self, value: float) -> float:
+        return value
+
+    def decode(self, value: Any) -> float:
+        return float(value)
+
+    def holds(self, value: float) -> bool:
+        return True
+
+    def constant(self, value: float) -> str:
+        return repr(float(value))
+
+    def binary(self, op: str, left: str, right: str) -> str:
+        return f"({left} {INFIX[op]} {right})"
+
+    def rounded(self, text: str) -> str:
+        return text
+
+    def comparison(self, op: str, left: str, right: str) -> str:
+        return f"({left} {op} {right})"
+
+
+class _C3x(Machine):
+    """Packed register values (exponent << 32 | mantissa) in int64: :mod:`firmware_sim.c3x.floats`."""
+
+    def encode(self, value: float) -> int:
+        return int(floats.from_float64(value))
+
+    def decode(self, value: Any) -> float:
+        return float(floats.to_float64(int(value)))
+
+    def holds(self, value: float) -> bool:
+        return abs(self.decode(self.encode(value)) - value) <= 2.0**-24 * abs(value)
+
+    def constant(self, value: float) -> str:
+        return str(self.encode(float(value)))
+
+    def binary(self, op: str, left: str, right: str) -> str:
+        return f"{op}({left}, {right})"
+
+    def rounded(self, text: str) -> str:
+        return f"rnd({text})"
+
+    def comparison(self, op: str, left: str, right: str) -> str:
+        return f"(compare({left}, {right}) {op} 0)"
+
+
+DOUBLE: Machine = _Double(
+    name="double",
+    real_dtype=np.float64,
+    unary={
+        "neg": "(-{})",
+        "abs": "abs({})",
+        "float": "float({})",
+        "fix": "fix64({})",
+        "exponent": "exponent64({})",
+        "power_of_two": "power_of_two64({})",
+    },
+    take_real=float,
+)
+C3X: Machine = _C3x(
+    name="c3x",
+    real_dtype=np.int64,
+    unary={
+        "neg": "neg({})",
+        "abs": "absolute({})",
+        "float": "from_int({})",
+        "fix": "fix({})",
+        "exponent": "exponent_of({})",
+        "power_of_two": "power_of_two({})",
+    },
+    take_real=operator.index,
+)

@@ -1,0 +1,1 @@
+"""The world around the board: trajectories, inertial sensors, recordings and scenarios."""

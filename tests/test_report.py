@@ -1,0 +1,95 @@
+"""Differences of navigation states, error records, the JSON document and the table."""
+
+import json
+
+import numpy as np
+import pytest
+
+from firmware_sim.errors import UsageError
+from firmware_sim.report import EARTH_RADIUS_M, ERROR_NAMES, ErrorRecord, Report, differences
+
+
+def state(lat=0.0, lon=0.0, velocity=(0.0, 0.0, 0.0), attitude=(0.0, 0.0, 0.0)):
+    return np.array([[lat, lon, 0.0, *velocity, *attitude]])
+
+
+def report(**changes):
+    times = {"count": 5, "max": 9000, "p999": 8900, "median": 8000}
+    document = Report(
+        engine="c3x", scenario="sway", seed=3, duration_s=10.0, wall_s=0.1, real_time_factor=100.0, nav_cycles=500,
+        budget_cycles=500_000, overruns=0, exceeded=None, timing_is="estimated",
+        timing={"nav": times, "adc": times, "uart": times}, adc={"samples": 10_000, "lost": 0},
+        line={"sent": 9, "read": 5, "held": 3, "dropped": 1},
+        errors_vs_truth={name: {"end": 1.5, "max": 2.5} for name in ERROR_NAMES},
+        errors_vs_double=None,
+    )  # fmt: skip
+    document.update(changes)
+    return document
+
+
+def test_a_step_north_and_east_is_measured_in_metres():
+    moved = state(lat=0.6 + 3e-6, lon=1.0 + 4e-6 / np.cos(0.6))
+    (horizontal_m, _, _) = differences(moved, state(lat=0.6, lon=1.0))[0]
+    # 3-4-5; the cosine is taken at the reference.
+    assert horizontal_m == pytest.approx(5e-6 * EARTH_RADIUS_M, rel=1e-9)
+
+
+def test_differences_do_not_jump_at_the_date_line_or_at_north():
+    (horizontal_m, _, arcmin) = differences(
+        state(lon=-np.pi + 1e-6, attitude=(0, 0, np.pi - 1e-4)), state(lon=np.pi - 1e-6, attitude=(0, 0, -np.pi + 1e-4))
+    )[0]
+    assert horizontal_m == pytest.approx(2e-6 * EARTH_RADIUS_M, rel=1e-6)
+    assert arcmin == pytest.approx(np.degrees(2e-4) * 60, rel=1e-6)
+
+
+def test_velocity_and_the_largest_angle():
+    (_, velocity_mps, arcmin) = differences(state(velocity=(3, 4, 9), attitude=(0.001, -0.002, 0.0005)), state())[0]
+    assert velocity_mps == 5.0
+    assert arcmin == pytest.approx(np.degrees(0.002) * 60)
+
+
+def test_the_record_keeps_end_and_maximum_and_skips_what_is_unknown():
+    record = ErrorRecord()
+    assert record.as_dict() is None
+    states = np.vstack([state(velocity=(v, 0, 0)) for v in (1.0, 5.0, 2.0, 9.0)])
+    reference = np.zeros((4, 9))
+    reference[3] = np.nan
+    record.add(states, reference)
+    record.add(states[:1], np.full((1, 9), np.nan))
+    assert record.as_dict()["velocity_mps"] == {"end": 2.0, "max": 5.0}
+
+
+def test_the_document_is_json_and_replaces_an_older_one(tmp_path):
+    path = tmp_path / "report.json"
+    path.write_text("old")
+    report().write(path)
+    assert json.loads(path.read_text()) == dict(report())
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_report_that_cannot_be_written_is_one_sentence_and_leaves_nothing(tmp_path):
+    with pytest.raises(UsageError, match="expected a file that can be written"):
+        report().write(tmp_path / "missing" / "report.json")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(UsageError):
+        report().write(tmp_path / "folder")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+
+
+def test_the_table_says_what_is_estimated_and_leaves_out_what_was_not_compared():
+    table = report().table()
+    assert "worst 9000 cycles" in table
+    assert "(estimated)" in table
+    assert "errors vs truth: 1.5 m (max 2.5)" in table
+    assert "vs double" not in table
+    assert "9 bytes sent = 5 read + 3 held + 1 dropped" in table
+
+
+def test_the_budget_sentence_says_which_cycle_and_by_how_much():
+    over = report(budget_cycles=8000, exceeded={"nav_cycle": 17, "cycles": 9000})
+    assert not over.within_budget
+    assert "9000 cycles in navigation cycle 17, 1000 over the budget of 8000" in over.budget_sentence
+    late = report(overruns=2)
+    assert not late.within_budget
+    assert "2 tick(s)" in late.budget_sentence
+    assert report().within_budget
