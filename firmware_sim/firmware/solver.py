@@ -50,9 +50,9 @@ class Solver:
     def __init__(self, machine: Machine, scale: tuple[float, float, float], start: Start) -> None:
         self.machine = machine
         self._program = build([initialise, navigate], machine)
-        self._scale = machine.array(_interleaved(list(scale)))
+        self.scale = machine.array(_interleaved(list(scale)))
         shapes = [4, 4, 3, 3, 3, (3, 3), (3, 3), 3, 3]
-        self._states = [machine.array(np.zeros(shape)) for shape in shapes]
+        self.states = [machine.array(np.zeros(shape)) for shape in shapes]
         self._outputs = [machine.array(np.zeros(size)) for size in (5, 3, 4)]
         self.flags = 0
         self.height: Any = machine.encode(0.0)
@@ -78,13 +78,13 @@ class Solver:
             encode(start.vel_t_mps),
             encode(angles),
             encode(angles_low),
-            *self._states,
+            *self.states,
         )
 
     def step(self, sums: NDArray[np.int64], n1: int, n2: int, height_mm: int, climb_mmps: int) -> None:
         """One cycle from summed counts (12,): the first n1 samples' six channels, then the last n2's."""
         self.flags, self.height, self.latitude, self.longitude = self._program.navigate(
-            sums, n1, n2, height_mm, climb_mmps, self._scale, *self._states, *self._outputs
+            sums, n1, n2, height_mm, climb_mmps, self.scale, *self.states, *self._outputs
         )
 
     def write_solution(self, row: NDArray[Any]) -> None:

@@ -63,17 +63,20 @@ class BuiltKernel:
         self.function = function
         self._signature = machine.signature(kernel)
         self._is_compiled = False
+        self._count = len(kernel.parameters)
         # numba would cut a float to an integer without a word: a float64 is no C3x single.
         take = {Scalar.INT: operator.index, Scalar.FLOAT: machine.take_real}
         self._scalars = [(i, take[kind]) for i, (_, kind) in enumerate(kernel.parameters) if isinstance(kind, Scalar)]
 
     def __call__(self, *arguments: Any) -> Any:
         if not self._is_compiled:
-            # Builds of the same source share one module: another may have compiled it.
+            # It is compiled already where another kernel calls it, or another build shares the module of its source.
             if not self.function.signatures:
                 self.function.compile(self._signature)
-                self.function.disable_compile()
+            self.function.disable_compile()
             self._is_compiled = True
+        if len(arguments) != self._count:
+            raise TypeError(f"expected {self._count} arguments, found {len(arguments)}")
         taken = list(arguments)
         for i, take in self._scalars:
             taken[i] = take(taken[i])

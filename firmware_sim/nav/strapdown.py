@@ -192,15 +192,16 @@ def step(
     T_low = zeros(3, 3)
     duration_s = increments_of(sums, n1, n2, scale, rotation_rad, rotation_carry_rad, dv_b)
 
-    # Rates of the platform at mid-interval.
-    velocity_p_mps[2] = climb_mps
+    # Rates of the platform at mid-interval; height and climb come from its end.
+    half_s = 0.5 * duration_s
     mid_x = velocity_p_mps[0] + 0.5 * velocity_change_mps[0]
     mid_y = velocity_p_mps[1] + 0.5 * velocity_change_mps[1]
-    inverse_tau, inverse_ryp, inverse_rxp = curvature(C[0, 2], C[1, 2], C[2, 2], height_m)
+    mid_z = 0.5 * (velocity_p_mps[2] + climb_mps)
+    velocity_p_mps[2] = climb_mps
+    inverse_tau, inverse_ryp, inverse_rxp = curvature(C[0, 2], C[1, 2], C[2, 2], height_m - half_s * mid_z)
     # w_ep; its z is zero by definition of the wander-azimuth platform.
     rate_x = -mid_x * inverse_tau - mid_y * inverse_ryp
     rate_y = mid_x * inverse_rxp + mid_y * inverse_tau
-    half_s = 0.5 * duration_s
     axis_x = C[0, 2] - half_s * rate_y * C[2, 2]
     axis_y = C[1, 2] + half_s * rate_x * C[2, 2]
     axis_z = C[2, 2] + half_s * (rate_y * C[0, 2] - rate_x * C[1, 2])
@@ -225,8 +226,8 @@ def step(
     force_y = dv_p[1] - 0.5 * (platform_rad[2] * dv_p[0] - platform_rad[0] * dv_p[2])
 
     # Coriolis: (2 w_ie + w_ep) x V = (w_ie + w_ip) x V.
-    coriolis_x = (earth_y + rate_ip[1]) * climb_mps - (earth_z + rate_ip[2]) * mid_y
-    coriolis_y = (earth_z + rate_ip[2]) * mid_x - (earth_x + rate_ip[0]) * climb_mps
+    coriolis_x = (earth_y + rate_ip[1]) * mid_z - (earth_z + rate_ip[2]) * mid_y
+    coriolis_y = (earth_z + rate_ip[2]) * mid_x - (earth_x + rate_ip[0]) * mid_z
     velocity_change_mps[0] = force_x - duration_s * coriolis_x
     velocity_change_mps[1] = force_y - duration_s * coriolis_y
 

@@ -1,0 +1,140 @@
+"""`make bench`: the figures of the README, measured here and now; medians of several runs."""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_sim.bench import Flight, run
+from firmware_sim.board.adc import Converter
+from firmware_sim.board.line import FileLine
+from firmware_sim.board.sheet import BoardSheet
+from firmware_sim.firmware.solver import Solver, Start
+from firmware_sim.kernels.lower_numba import C3X, DOUBLE, build
+from firmware_sim.plant.scenario import load_scenario
+from host.frames import Decoder
+from tests.benchmarks.solver_loop import SAMPLES, fly_a_second
+
+REPEATS = 5
+RECORDING = Path(os.environ.get("FIRMWARE_SIM_DATA", "../shared/data")) / "rlg_static_100Hz_1847s.npz"
+ALIGNED_SCENARIO = """\
+[recording]
+file = "{path}"
+start_s = 900.0
+[initial]
+pitch_deg = 0.92323
+roll_deg = 0.36202
+azimuth_deg = -90.59464
+"""
+
+
+def main() -> None:
+    """Print every figure with its goal."""
+    cores = os.cpu_count()
+    print(f"Python {platform.python_version()}, {platform.machine()}, {cores} cores, load {os.getloadavg()[0]:.1f}\n")
+    bare_solver()
+    whole_run()
+    warm_start()
+    decoder()
+    arithmetic()
+    recording()
+
+
+def median_s(work: Callable[[], Any]) -> float:
+    """Median wall time of ``work`` after one run to warm up."""
+    work()
+    times = []
+    for _ in range(REPEATS):
+        began_s = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began_s)
+    return statistics.median(times)
+
+
+def show(what: str, found: str, goal: str) -> None:
+    print(f"{what:<58} {found:>28}   goal: {goal}", flush=True)
+
+
+def bare_solver() -> None:
+    """Samples a second through summing and stepping alone."""
+    sheet = BoardSheet()
+    scale = (sheet.adc.gyro_lsb_rad, sheet.adc.acc_lsb_mps, sheet.adc.period_s)
+    block = load_scenario("sway").source(sheet.adc.period_s, 0).read(SAMPLES)
+    counts = Converter(sheet.adc).convert(block.increments, block.height)["counts"].astype(np.int64)
+    sums = np.zeros(12, np.int64)
+    start = Start(0.7, 2.0, (0.0, 5.0, 0.0), 0.0, 0.0, 0.0)
+    for machine, goal in ((DOUBLE, "3.0 M samples/s"), (C3X, "-")):
+        solver = Solver(machine, scale, start)
+        loop = build([fly_a_second], machine).fly_a_second
+        seconds = median_s(lambda loop=loop, solver=solver: loop(counts, sums, solver.scale, *solver.states))
+        show(f"{machine.name}: bare solver loop", f"{SAMPLES / seconds / 1e6:.2f} M samples/s", goal)
+
+
+def whole_run() -> None:
+    """A flight of ten minutes with frames on the line."""
+    with tempfile.TemporaryDirectory() as folder:
+
+        def fly(engine: str) -> None:
+            line = FileLine(Path(folder) / "line.raw")
+            run(Flight(load_scenario("sway"), BoardSheet(), engine, 600.0), line)
+
+        for engine, goal in (("c3x", "100 x real time"), ("double", "-")):
+            seconds = median_s(lambda engine=engine: fly(engine))
+            show(f"{engine}: run sway, 600 s, frames to a file", f"{600 / seconds:.0f} x real time", goal)
+
+
+def warm_start() -> None:
+    """The command line from start to the end of a flight of one second."""
+    command = [sys.executable, "-m", "firmware_sim.cli", "run", "static", "--duration", "1"]
+    seconds = median_s(lambda: subprocess.run(command, check=True, capture_output=True))
+    show("warm start and 1 s of flight, whole process", f"{seconds:.2f} s", "1.5 s")
+
+
+def decoder() -> None:
+    """Frames a second through the host's decoder."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "line.raw"
+        report = run(Flight(load_scenario("static"), BoardSheet(), "double", 600.0), FileLine(path))
+        data = path.read_bytes()
+    frames = len(Decoder().feed(data))
+    seconds = median_s(lambda: Decoder().feed(data))
+    assert frames >= report["nav_cycles"]
+    show("host: frames decoded", f"{frames / seconds / 1e3:.0f} k frames/s", "500 k frames/s")
+
+
+def arithmetic() -> None:
+    """c3x against double, sensor errors on."""
+    for name in ("sway", "turn", "transit"):
+        for duration_s, goal_m in ((600.0, 1.0), (3600.0, 10.0)):
+            errors = run(Flight(load_scenario(name), BoardSheet(), "c3x", duration_s))["errors_vs_double"]
+            horizontal_m, arcmin = errors["horizontal_m"]["max"], errors["attitude_arcmin"]["max"]
+            drift_degph = errors["attitude_arcmin"]["end"] / 60.0 / (duration_s / 3600.0)
+            found = f"{horizontal_m:.4f} m, {arcmin:.5f}', {drift_degph:.1e} deg/h"
+            show(f"c3x against double: {name}, {duration_s / 60:.0f} min", found, f"{goal_m:g} m, 0.05', 1e-3 deg/h")
+
+
+def recording() -> None:
+    """c3x against double on the recorded ring-laser unit, pure inertial from a known alignment."""
+    if not RECORDING.is_file():
+        show("c3x against double: recorded unit, 10 min", "no recording here", "0.1 m")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "aligned.toml"
+        path.write_text(ALIGNED_SCENARIO.format(path=RECORDING.resolve()))
+        report = run(Flight(load_scenario(str(path)), BoardSheet(), "c3x", 600.0))
+    found = f"{report['errors_vs_double']['horizontal_m']['max']:.4f} m"
+    show("c3x against double: recorded unit, 10 min", found, "0.1 m")
+
+
+if __name__ == "__main__":
+    main()
