@@ -90,11 +90,9 @@ class _Run:
         self.received = b""
 
     def fly(self) -> Report:
+        self._prepare()
+        self.progress(0.0, self.duration_s)
         began_s = time.monotonic()
-        if not self.solver.is_compiled:
-            self.announce(
-                f"compiling the {self.flight.engine} solver: once after an installation or an edit, about a minute ..."
-            )
         ticks = max(1, round(self.duration_s * self.sheet.h1_hz / self.sheet.tick_cycles))
         # To just before the next tick: the last frame has the time to leave.
         end = (ticks + 1) * self.sheet.tick_cycles - 1
@@ -118,6 +116,17 @@ class _Run:
         self.line.drain(self.sheet.line.linger_s)
         self.line.close()
         return self._report(flown_s, ticks * self.sheet.tick_cycles / self.sheet.h1_hz)
+
+    def _prepare(self) -> None:
+        """Compile before the clock starts; the first run after an installation says so."""
+        if not self.processor.is_compiled:
+            self.announce(
+                f"compiling the {self.flight.engine} solver: once after an installation or an edit, about a minute ..."
+            )
+        self.solver.compile()
+        if self.reference:
+            self.reference.compile()
+        self.board.run(self.processor, 1)
 
     def _run_slice(self, until: int) -> None:
         while self.board.samples_until <= until and (block := self._next_block()) is not None:

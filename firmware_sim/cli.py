@@ -29,7 +29,11 @@ FINE, BAD_USAGE, OVER_BUDGET, WALL_LIMIT, INTERRUPTED = 0, 2, 3, 5, 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = _parser().parse_args(arguments)
-    signal.signal(signal.SIGTERM, _interrupt)
+    # SIGINT too: a shell starts what it runs in the background with SIGINT ignored.
+    _interrupts.clear()
+    sys.unraisablehook = _report_unraisable
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
     try:
         return int(options.command(options))
     except UsageError as error:
@@ -40,9 +44,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
-def _interrupt(_number: int, _frame: FrameType | None) -> NoReturn:
-    """SIGTERM ends a run as Ctrl-C does: links and temporary files go."""
+_interrupts: list[int] = []
+
+
+def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
+    """End the run: links and temporary files go."""
+    _interrupts.append(number)
     raise KeyboardInterrupt
+
+
+def _report_unraisable(lost: sys.UnraisableHookArgs) -> None:
+    """LLVM calls back into Python while it compiles, where an interrupt is lost: `_Progress.show` raises it again."""
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
 
 
 def _say(sentence: str) -> None:
@@ -163,6 +177,8 @@ class _Progress:
         self._shown_s = time.monotonic()
 
     def show(self, done_s: float, wanted_s: float) -> None:
+        if _interrupts:
+            raise KeyboardInterrupt
         text = f"{done_s:.0f} of {wanted_s:.0f} s flown ({done_s / wanted_s:.0%})"
         if self._terminal:
             print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)

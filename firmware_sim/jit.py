@@ -25,7 +25,7 @@ from types import ModuleType
 from typing import Any
 
 import numba
-from numba.core.cgutils import false_bit
+from numba.core.cgutils import alloca_once, false_bit
 from numba.extending import intrinsic
 
 _PACKAGE = Path(__file__).parent
@@ -140,3 +140,24 @@ def _leading_zeros(_typing_context: Any, _value: Any) -> Any:
 # Leading zero bits (0 to 64) of an int64, inside ``jit`` functions only: one machine instruction that LLVM has
 # and numba does not offer.
 leading_zeros: Any = intrinsic(_leading_zeros)
+
+# What numba does not type.
+_numba: Any = numba
+_alloca_once: Any = alloca_once
+carray: Any = _numba.carray
+
+
+@intrinsic(prefer_literal=True)
+def stack_space(_typing_context: Any, size: Any, zero: Any) -> Any:
+    """A pointer to ``size`` (a literal) elements of the type of ``zero`` on the stack of the function that calls it.
+
+    numba's own arrays are on the heap; to make and to count them took a third of the navigation solver's time.
+    """
+    if not isinstance(size, _numba.types.IntegerLiteral):
+        return None
+    element = _numba.types.unliteral(zero)
+
+    def lower(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+        return _alloca_once(builder, context.get_value_type(element), size=size.literal_value)
+
+    return _numba.types.CPointer(element)(size, zero), lower

@@ -31,6 +31,7 @@ from firmware_sim.firmware.services import (
 )
 from firmware_sim.firmware.solver import Solver
 from firmware_sim.firmware.stopwatch import new_stopwatch
+from firmware_sim.jit import is_compiled
 
 _TIMER_RUN = timer.FUNC | timer.GO | timer.HLD | timer.CLKSRC
 _FAULTS = 0x3F << adc.FIRST_FAULT_BIT | adc.HEIGHT_FAULT
@@ -65,6 +66,11 @@ class NativeProcessor:
         self.dropped_frames = 0
         self._new_dropped = False
         self._booted = False
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether the first run will be quick."""
+        return self.solver.is_compiled and is_compiled(run_services)
 
     def run(self, circuit: Circuit, now: int, until: int) -> int:
         """Run from cycle ``now`` to ``until``; see the board's Processor."""

@@ -62,8 +62,12 @@ class Solver:
 
     @property
     def is_compiled(self) -> bool:
-        """Whether the first step will be quick."""
+        """Whether ``compile`` will be quick."""
         return is_compiled(self._program.navigate)
+
+    def compile(self) -> None:
+        """Make the machine code of a step, or load it from the cache."""
+        self._program.navigate.compile()
 
     @staticmethod
     def estimated_cycles() -> int:
@@ -91,7 +95,6 @@ class Solver:
         """Copy the solution into ``row`` (SOLUTION_FIELDS,), in the machine's own words."""
         row[:5], row[5:8], row[8:12] = self._outputs
 
-    def words(self) -> NDArray[np.uint32]:
+    def words(self) -> NDArray[np.int64]:
         """The C3x singles of attitude (5), velocity (3) and height, as memory words."""
-        values = self.machine.values(np.array([*self._outputs[0], *self._outputs[1], self.height]))
-        return (floats.from_float64_array(values) >> 8).astype(np.uint32)
+        return self.machine.words(np.array([*self._outputs[0], *self._outputs[1], self.height]))

@@ -68,13 +68,17 @@ class BuiltKernel:
         take = {Scalar.INT: operator.index, Scalar.FLOAT: machine.take_real}
         self._scalars = [(i, take[kind]) for i, (_, kind) in enumerate(kernel.parameters) if isinstance(kind, Scalar)]
 
+    def compile(self) -> None:
+        """Make the machine code, or load it from the cache, for the types of the kernel's parameters."""
+        # It is compiled already where another kernel calls it, or another build shares the module of its source.
+        if not self.function.signatures:
+            self.function.compile(self._signature)
+        self.function.disable_compile()
+        self._is_compiled = True
+
     def __call__(self, *arguments: Any) -> Any:
         if not self._is_compiled:
-            # It is compiled already where another kernel calls it, or another build shares the module of its source.
-            if not self.function.signatures:
-                self.function.compile(self._signature)
-            self.function.disable_compile()
-            self._is_compiled = True
+            self.compile()
         if len(arguments) != self._count:
             raise TypeError(f"expected {self._count} arguments, found {len(arguments)}")
         taken = list(arguments)

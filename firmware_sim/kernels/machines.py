@@ -59,14 +59,15 @@ class Machine:
 
     def array(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
         """An array of this machine's singles from floats, same shape."""
-        wanted = np.asarray(values, dtype=np.float64)
-        encoded = [self.encode(float(value)) for value in wanted.flat]
-        return np.array(encoded, dtype=self.real_dtype).reshape(wanted.shape)
+        raise NotImplementedError
 
     def values(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         """The floats that an array of this machine holds."""
-        decoded = [self.decode(value) for value in array.flat]
-        return np.array(decoded, dtype=np.float64).reshape(array.shape)
+        raise NotImplementedError
+
+    def words(self, array: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        """An array of this machine's floats (n,) as C3x singles: memory words, 0 to 2^32 - 1."""
+        raise NotImplementedError
 
     def signature(self, kernel: TypedKernel) -> str:
         """The types of a kernel's arguments, as numba writes them."""
@@ -87,6 +88,15 @@ class _Double(Machine):
 
     def decode(self, value: Any) -> float:
         return float(value)
+
+    def array(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        return np.array(values, dtype=np.float64)
+
+    def values(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        return np.array(array)
+
+    def words(self, array: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        return C3X.words(floats.from_float64_array(array))
 
     def holds(self, value: float) -> bool:
         return True
@@ -112,6 +122,16 @@ class _C3x(Machine):
 
     def decode(self, value: Any) -> float:
         return float(floats.to_float64(int(value)))
+
+    def array(self, values: npt.ArrayLike) -> npt.NDArray[np.int64]:
+        wanted = np.array(values, dtype=np.float64)
+        return floats.from_float64_array(wanted.ravel()).reshape(wanted.shape)
+
+    def values(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        return floats.to_float64_array(array.ravel()).reshape(array.shape)
+
+    def words(self, array: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        return array >> 8 & 0xFFFFFFFF
 
     def holds(self, value: float) -> bool:
         return abs(self.decode(self.encode(value)) - value) <= 2.0**-24 * abs(value)
