@@ -46,7 +46,8 @@ def main() -> int:
     if board.returncode or host.returncode:
         return board.returncode or host.returncode
     print("\n2. What the board said of itself:\n" + indented(flight.decode()), flush=True)
-    print("3. What the host recorded:\n" + indented(output_of("nav-host", "stats", LOG)), flush=True)
+    summary, _, _ = output_of("nav-host", "stats", LOG).partition("\n\n")
+    print("3. What the host recorded (all of it: nav-host stats):\n" + indented(summary), flush=True)
     print("4. The log as a table and as figures ...", flush=True)
     output_of("nav-host", "export", LOG, "--to", "csv", "-o", CSV)
     output_of("nav-host", "plot", LOG, "-o", FIGURES)

@@ -114,7 +114,7 @@ class LineSheet:
     """[line]"""
 
     policy: str = _key("hold", ("hold", "drop", "wait"), "", "what becomes of bytes that nobody reads")
-    linger_s: float = _key(1.0, (0.0, 3600.0), "s", "how long the end of a run waits for a reader, by the wall clock")
+    linger_s: float = _key(10.0, (0.0, 3600.0), "s", "how long the end of a run waits for a reader, by the wall clock")
 
 
 @dataclass(frozen=True)

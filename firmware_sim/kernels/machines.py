@@ -16,7 +16,7 @@ from firmware_sim.kernels.expressions import ArrayType, Scalar, TypedKernel
 INFIX = {"add": "+", "sub": "-", "mul": "*", "and": "&", "or": "|", "xor": "^"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Machine:
     """How one machine holds and computes floats; integers are int64 kept in 32 bits on both.
 
