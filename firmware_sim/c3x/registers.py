@@ -1,4 +1,4 @@
-"""Names and codes of the registers (SPRU031 table 13-10, page 13-24) and of the conditions (table 13-12, page 13-30)."""
+"""Registers (SPRU031 table 13-10, page 13-24) and conditions (table 13-12, page 13-30): their names and codes."""
 
 from typing import Final
 
@@ -10,6 +10,7 @@ REGISTER_NAMES: Final = (
 """The name of each register by its five-bit code; the codes 28 to 31 name nothing."""
 
 AR0: Final = 8
+DP: Final = 16
 
 REGISTER_CODES: Final = {name: code for code, name in enumerate(REGISTER_NAMES)} | {f"F{n}": n for n in range(8)}
 """The code of each register by its name in capitals. F0 to F7 are R0 to R7, as some sources write them."""
