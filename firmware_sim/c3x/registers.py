@@ -12,8 +12,11 @@ REGISTER_NAMES: Final = (
 AR0: Final = 8
 DP: Final = 16
 
-REGISTER_CODES: Final = {name: code for code, name in enumerate(REGISTER_NAMES)} | {f"F{n}": n for n in range(8)}
-"""The code of each register by its name in capitals. F0 to F7 are R0 to R7, as some sources write them."""
+REGISTER_CODES: Final = {name: code for code, name in enumerate(REGISTER_NAMES)}
+"""The code of each register by its name in capitals."""
+
+FLOAT_ALIASES: Final = {f"F{n}": n for n in range(8)}
+"""Second names of R0 to R7, as compilers write them where they hold floats; a program may use them otherwise."""
 
 _NAMES_OF_CONDITIONS: Final = {
     0: ("U",),
