@@ -18,7 +18,7 @@ from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.errors import UsageError
 from firmware_sim.firmware.native import NativeProcessor
 from firmware_sim.firmware.services import ADC_SERVICE, NAV_SERVICE, SERVICES, UART_SERVICE
-from firmware_sim.firmware.solver import SOLUTION_FIELDS, Solver, Start
+from firmware_sim.firmware.solver import Solver, Start
 from firmware_sim.firmware.stopwatch import EXECUTION, JITTER, RESPONSE, times_of
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE
 from firmware_sim.plant.scenario import Scenario
@@ -214,9 +214,7 @@ class _StepLog:
     def add_step(self, number: int) -> None:
         self.numbers.append(number)
         for solver, rows in zip(self.solvers, self.rows, strict=True):
-            row: NDArray[Any] = np.empty(SOLUTION_FIELDS, solver.machine.real_dtype)
-            solver.write_solution(row)
-            rows.append(row)
+            rows.append(solver.solution())
 
     def close_slice(self, vs_truth: ErrorRecord, vs_double: ErrorRecord) -> None:
         """Compare what was collected and forget it."""

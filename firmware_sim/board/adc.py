@@ -77,8 +77,9 @@ def _latch(state: NDArray[np.void], samples: NDArray[np.void], index: int) -> No
     if state[0].status & END_OF_CONVERSION:
         state[0].status |= OVERRUN
     state[0].status |= END_OF_CONVERSION | (samples[index].status & _SHOWN)
+    latch, counts = state[0].latch, samples[index].counts
     for channel in range(CHANNELS):
-        state[0].latch[channel] = samples[index].counts[channel]
+        latch[channel] = counts[channel]
     state[0].height_mm = samples[index].height_mm
     state[0].climb_mmps = samples[index].climb_mmps
 

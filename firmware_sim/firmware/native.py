@@ -14,20 +14,26 @@ from firmware_sim.board import adc, timer, uart
 from firmware_sim.board.board import Circuit
 from firmware_sim.board.interrupts import INT0, INT1, TINT0, TINT1
 from firmware_sim.board.sheet import BoardSheet
-from firmware_sim.board.timer import timer_read, timer_write
+from firmware_sim.board.timer import timer_write
 from firmware_sim.board.uart import uart_write
 from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.services import (
+    DESCRIPTION_SENT,
     FRAME_BYTE_CYCLES,
+    FRAME_SENT,
+    LOST,
+    N1,
     REACHED,
     RING_SIZE,
     SERVICES,
+    SUMS,
+    TAKEN_SIZE,
     TICK_BEGINS,
     TICK_CYCLES,
+    TICKS,
     end_tick,
     new_state,
     run_services,
-    transmit,
 )
 from firmware_sim.firmware.solver import Solver
 from firmware_sim.firmware.stopwatch import new_stopwatch
@@ -38,8 +44,8 @@ _FAULTS = 0x3F << adc.FIRST_FAULT_BIT | adc.HEIGHT_FAULT
 _WORD = 0xFFFFFFFF
 _SINGLES = ("pitch", "roll", "azimuth", "heading", "wander", "vel_east", "vel_north", "vel_up", "height")
 _SUMS = tuple(f"{sensor}_sum_{axis}" for sensor in ("gyro", "acc") for axis in "xyz")
-# A description goes out at the latest after this many ticks, also on a line that the navigation frames fill.
-_TICKS_PER_DESCRIPTION = 50
+# All descriptions go out once in this time; on a line that the navigation frames fill, one description does.
+_DESCRIPTION_PERIOD_S = 1.0
 
 
 class NativeProcessor:
@@ -56,15 +62,21 @@ class NativeProcessor:
         self.watch = new_stopwatch(len(SERVICES))
         self._on_step = on_step
         self._ring = np.zeros(RING_SIZE, np.uint8)
+        self._taken = np.zeros(TAKEN_SIZE, np.int64)
         self._table = telemetry.navigation_table(sheet)
         self._values = dict.fromkeys((field.name for field in self._table.fields), 0)
         self._descriptions = [np.frombuffer(frame, np.uint8) for frame in self._table.descriptions()]
         self._next_description = 0
-        self._last_description = -_TICKS_PER_DESCRIPTION
+        self._last_description = 0
+        ticks_a_period = _DESCRIPTION_PERIOD_S * sheet.h1_hz / sheet.tick_cycles
+        self._description_late = max(1, round(ticks_a_period))
+        self._description_interval = ticks_a_period / len(self._descriptions)
+        self._next_due = 0.0
         frame_bytes = self._table.layout.size + 8
         self.nav_cycles = solver.estimated_cycles() + TICK_CYCLES + frame_bytes * FRAME_BYTE_CYCLES
         self.dropped_frames = 0
-        self._new_dropped = False
+        self._was_dropped = False
+        self._flags = 0
         self._booted = False
 
     @property
@@ -78,7 +90,9 @@ class NativeProcessor:
             self._boot(circuit, now)
         reason = TICK_BEGINS
         while reason != REACHED:
-            now, reason = run_services(circuit, self.state, self._ring, self.watch, now, until)
+            now, reason = run_services(
+                circuit, self.state, self._ring, self.watch, self._taken, self.nav_cycles, now, until
+            )
             if reason == TICK_BEGINS:
                 self._solve()
             elif reason != REACHED:
@@ -108,55 +122,54 @@ class NativeProcessor:
         self._booted = True
 
     def _solve(self) -> None:
-        """The tick's service begins: take and clear the sums, and step."""
-        state = self.state[0]
-        sums = state["sums"].copy()
-        n1, n2, number = int(state["n1"]), int(state["n2"]), int(state["number"])
-        height_mm, climb_mmps = int(state["height_mm"]), int(state["climb_mmps"])
-        state["sums"], state["n1"], state["n2"] = 0, 0, 0
-        state["tick_left"] = self.nav_cycles
+        """The tick's service begins: step with what was taken."""
+        sums, values = self._taken[:SUMS], self._values
+        n1, n2, number, height_mm, climb_mmps, status, lost = self._taken[N1 : LOST + 1].tolist()
+        self._flags = self._flags_of_samples(status, lost, n1 + n2)
         self.solver.step(sums, n1, n2, height_mm, climb_mmps)
-        self._values["valid_time"] = number
-        self._values["samples"] = min(n1 + n2, 255)
-        self._values.update(zip(_SUMS, (sums[:6] + sums[6:]).tolist(), strict=True))
+        values["valid_time"] = number & _WORD
+        values["samples"] = min(n1 + n2, 255)
+        values["lost_samples"] = lost & _WORD
+        values.update(zip(_SUMS, (sums[:6] + sums[6:]).tolist(), strict=True))
         self._on_step(number, sums, n1, n2, height_mm, climb_mmps)
+
+    def _flags_of_samples(self, status: int, lost: int, samples: int) -> int:
+        """The flags that say how the samples of this step were."""
+        return (
+            (telemetry.SAMPLE_LOST if lost > self._values["lost_samples"] else 0)
+            | (telemetry.SATURATED if status & adc.SATURATED else 0)
+            | (telemetry.CHANNEL_FAULT if status & _FAULTS else 0)
+            | (telemetry.NO_SAMPLES if samples == 0 else 0)
+        )
 
     def _report(self, circuit: Circuit, now: int) -> None:
         """The tick's service ends: pack the frame and hand it to the UART."""
-        state, values = self.state[0], self._values
-        was_idle = state["ring_count"] == 0
-        values["tick"] = int(state["ticks"])
-        values["sent_after"] = timer_read(circuit.timer0, timer.COUNTER, now)
-        values["mode"] = telemetry.NAVIGATE
-        values["flags"] = self._flags()
-        values["overruns"], values["lost_samples"] = int(state["overruns"]), int(state["lost"])
+        values = self._values
+        tick, overruns, sent_after = self._taken[TICKS:].tolist()
+        self._flags |= self.solver.flags
+        self._flags |= telemetry.TICK_OVERRUN if overruns > values["overruns"] else 0
+        self._flags |= telemetry.FRAME_DROPPED if self._was_dropped else 0
+        values["tick"], values["sent_after"] = tick & _WORD, sent_after
+        values["mode"], values["flags"], values["overruns"] = telemetry.NAVIGATE, self._flags, overruns
         values.update(zip(_SINGLES, self.solver.words().tolist(), strict=True))
         values["latitude"], values["longitude"] = self.solver.latitude, self.solver.longitude
-        frame = np.frombuffer(self._table.pack(values), np.uint8)
-        self._new_dropped = not transmit(circuit, self.state, self._ring, frame, now)
-        self.dropped_frames += self._new_dropped
-        values["sequence"] = (values["sequence"] + 1) & _WORD
-        if was_idle or values["tick"] - self._last_description >= _TICKS_PER_DESCRIPTION:
-            self._describe(circuit, values["tick"], now)
-        end_tick(circuit, self.state, self.watch, self.nav_cycles, now)
-        values["solver_cycles"] = self.nav_cycles
-        state["status"] = 0
-
-    def _flags(self) -> int:
-        """The status word: the solver's flags and what happened since the last frame."""
-        state, before = self.state[0], self._values
-        status = int(state["status"])
-        raised = (
-            (telemetry.SAMPLE_LOST, state["lost"] > before["lost_samples"]),
-            (telemetry.TICK_OVERRUN, state["overruns"] > before["overruns"]),
-            (telemetry.SATURATED, status & adc.SATURATED),
-            (telemetry.CHANNEL_FAULT, status & _FAULTS),
-            (telemetry.FRAME_DROPPED, self._new_dropped),
-            (telemetry.NO_SAMPLES, before["samples"] == 0),
+        sent = end_tick(
+            circuit,
+            self.state,
+            self._ring,
+            self.watch,
+            np.frombuffer(self._table.pack(values), np.uint8),
+            self._descriptions[self._next_description],
+            tick >= self._next_due,
+            tick - self._last_description >= self._description_late,
+            self.nav_cycles,
+            now,
         )
-        return self.solver.flags | sum(flag for flag, is_raised in raised if is_raised)
-
-    def _describe(self, circuit: Circuit, tick: int, now: int) -> None:
-        if transmit(circuit, self.state, self._ring, self._descriptions[self._next_description], now):
+        self._was_dropped = not sent & FRAME_SENT
+        self.dropped_frames += self._was_dropped
+        if sent & DESCRIPTION_SENT:
             self._next_description = (self._next_description + 1) % len(self._descriptions)
             self._last_description = tick
+            self._next_due += self._description_interval
+        values["sequence"] = (values["sequence"] + 1) & _WORD
+        values["solver_cycles"] = self.nav_cycles

@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_sim.board import adc, uart
+from firmware_sim.board import adc, timer, uart
 from firmware_sim.board.adc import adc_read, adc_write
 from firmware_sim.board.board import Circuit, circuit_advance, circuit_next
 from firmware_sim.board.interrupts import INT0, INT1, TINT0, clear, next_source
+from firmware_sim.board.timer import timer_read
 from firmware_sim.board.uart import uart_read, uart_write
 from firmware_sim.firmware.stopwatch import EXECUTION, JITTER, RESPONSE, note
 from firmware_sim.jit import jit
@@ -25,11 +26,16 @@ SHORT_CYCLES = 20
 TICK_CYCLES, FRAME_BYTE_CYCLES = 120, 14
 
 RING_SIZE = 4096
+FRAME_SENT, DESCRIPTION_SENT = 1, 2
 TICK_BEGINS, TICK_ENDS, REACHED = 0, 1, 2
 NO_SERVICE = -1
 SUMS = 12
 SERVICES = ("adc", "uart", "nav")
 ADC_SERVICE, UART_SERVICE, NAV_SERVICE = range(3)
+
+# What the tick's service gets in ``taken``: the sums, and the numbers that belong to them; the last three at its end.
+N1, N2, NUMBER, HEIGHT, CLIMB, STATUS, LOST, TICKS, OVERRUNS, SENT_AFTER = range(SUMS, SUMS + 10)
+TAKEN_SIZE = SENT_AFTER + 1
 
 STATE = np.dtype(
     [
@@ -92,8 +98,9 @@ def serve_adc(circuit: Circuit, state: NDArray[np.void]) -> int:
     else:
         state[0].n2 += 1
         part = adc.CHANNELS
+    sums = state[0].sums
     for channel in range(adc.CHANNELS):
-        state[0].sums[part + channel] += adc_read(devices, adc.FIRST_CHANNEL + channel)
+        sums[part + channel] += adc_read(devices, adc.FIRST_CHANNEL + channel)
     return ADC_CYCLES
 
 
@@ -123,7 +130,7 @@ def serve_uart(circuit: Circuit, state: NDArray[np.void], ring: NDArray[np.uint8
 
 
 @jit
-def transmit(
+def _transmit(
     circuit: Circuit, state: NDArray[np.void], ring: NDArray[np.uint8], data: NDArray[np.uint8], now: int
 ) -> bool:
     """Append a frame to the ring and let the UART ask for it; False, and nothing done, when it does not fit."""
@@ -142,9 +149,30 @@ def _advance(circuit: Circuit, state: NDArray[np.void], now: int) -> None:
     before = circuit.interrupts[0].flags
     circuit_advance(circuit, now)
     new = circuit.interrupts[0].flags & ~before
-    for bit in range(12):
-        if new >> bit & 1:
+    bit = 0
+    while new != 0:
+        if new & 1:
             state[0].requested[bit] = now
+        new >>= 1
+        bit += 1
+
+
+@jit
+def _take(state: NDArray[np.void], taken: NDArray[np.int64]) -> None:
+    """The latch rule: the tick takes and clears what the A/D service collected, all of it or nothing."""
+    for index in range(SUMS):
+        taken[index] = state[0].sums[index]
+        state[0].sums[index] = 0
+    taken[N1] = state[0].n1
+    taken[N2] = state[0].n2
+    taken[NUMBER] = state[0].number
+    taken[HEIGHT] = state[0].height_mm
+    taken[CLIMB] = state[0].climb_mmps
+    taken[STATUS] = state[0].status
+    taken[LOST] = state[0].lost
+    state[0].n1 = 0
+    state[0].n2 = 0
+    state[0].status = 0
 
 
 @jit
@@ -186,36 +214,75 @@ def _end_short(state: NDArray[np.void], watch: NDArray[np.int64], now: int) -> N
 
 
 @jit
-def end_tick(circuit: Circuit, state: NDArray[np.void], watch: NDArray[np.int64], execution: int, now: int) -> None:
-    """The tick's service returns after ``execution`` cycles of its own; a tick that came meanwhile is an overrun."""
+def end_tick(
+    circuit: Circuit,
+    state: NDArray[np.void],
+    ring: NDArray[np.uint8],
+    watch: NDArray[np.int64],
+    frame: NDArray[np.uint8],
+    description: NDArray[np.uint8],
+    description_is_due: bool,
+    description_is_late: bool,
+    execution: int,
+    now: int,
+) -> int:
+    """The tick's service hands over its frame and returns after ``execution`` cycles of its own.
+
+    A description that is due goes with it when the line has nothing else to send, one that is late in any case. Gives
+    FRAME_SENT and DESCRIPTION_SENT as bits. A tick that came meanwhile is an overrun.
+    """
+    sent = 0
+    line_is_idle = state[0].ring_count == 0
+    if _transmit(circuit, state, ring, frame, now):
+        sent |= FRAME_SENT
+    may_describe = (line_is_idle and description_is_due) or description_is_late
+    if may_describe and _transmit(circuit, state, ring, description, now):
+        sent |= DESCRIPTION_SENT
     note(watch[NAV_SERVICE, EXECUTION], execution)
     note(watch[NAV_SERVICE, RESPONSE], now - state[0].tick_requested)
     state[0].in_tick = 0
     circuit.interrupts[0].enable |= 1 << TINT0
     if circuit.interrupts[0].flags >> TINT0 & 1:
         state[0].overruns += 1
+    return sent
 
 
 @jit
 def run_services(
-    circuit: Circuit, state: NDArray[np.void], ring: NDArray[np.uint8], watch: NDArray[np.int64], now: int, until: int
+    circuit: Circuit,
+    state: NDArray[np.void],
+    ring: NDArray[np.uint8],
+    watch: NDArray[np.int64],
+    taken: NDArray[np.int64],
+    tick_cycles: int,
+    now: int,
+    until: int,
 ) -> tuple[int, int]:
     """Run from cycle ``now`` until a tick's service begins or ends, or to ``until``; gives the cycle and which.
 
-    On TICK_BEGINS the caller takes the sums and sets ``tick_left``; on TICK_ENDS it calls ``end_tick``.
+    The tick's service needs ``tick_cycles`` of its own. On TICK_BEGINS the caller solves with what was ``taken``; on
+    TICK_ENDS it calls ``end_tick``.
     """
     while True:
-        _advance(circuit, state, now)
+        coming = circuit_next(circuit)
+        if coming <= now:
+            _advance(circuit, state, now)
+            continue
         if state[0].short == NO_SERVICE:
             bit = next_source(circuit.interrupts)
             if bit >= 0:
+                # The devices' registers must be of this cycle when the service reads them.
+                _advance(circuit, state, now)
                 _begin(circuit, state, ring, watch, bit, now)
                 if bit == TINT0:
+                    _take(state, taken)
+                    state[0].tick_left = tick_cycles
                     return now, TICK_BEGINS
                 continue
         if now >= until:
+            _advance(circuit, state, now)
             return now, REACHED
-        horizon = max(now, min(circuit_next(circuit), until))
+        horizon = min(coming, until)
         if state[0].short != NO_SERVICE:
             horizon = min(horizon, state[0].short_ends)
         elif state[0].in_tick:
@@ -226,4 +293,8 @@ def run_services(
             if now >= state[0].short_ends:
                 _end_short(state, watch, now)
         elif state[0].in_tick and state[0].tick_left == 0:
+            _advance(circuit, state, now)
+            taken[TICKS] = state[0].ticks
+            taken[OVERRUNS] = state[0].overruns
+            taken[SENT_AFTER] = timer_read(circuit.timer0, timer.COUNTER, now)
             return now, TICK_ENDS

@@ -15,8 +15,6 @@ from firmware_sim.kernels.lower_numba import Machine, build
 from firmware_sim.nav.cycle import navigate
 from firmware_sim.nav.strapdown import initialise
 
-SOLUTION_FIELDS = 12  # pitch, roll, azimuth, heading, wander; east, north, up; latitude and longitude in two words
-
 
 @dataclass(frozen=True)
 class Start:
@@ -50,6 +48,7 @@ class Solver:
     def __init__(self, machine: Machine, scale: tuple[float, float, float], start: Start) -> None:
         self.machine = machine
         self._program = build([initialise, navigate], machine)
+        self._navigate: Any = self._program.navigate
         self.scale = machine.array(_interleaved(list(scale)))
         shapes = [4, 4, 3, 3, 3, (3, 3), (3, 3), 3, 3]
         self.states = [machine.array(np.zeros(shape)) for shape in shapes]
@@ -68,6 +67,8 @@ class Solver:
     def compile(self) -> None:
         """Make the machine code of a step, or load it from the cache."""
         self._program.navigate.compile()
+        # From here on without the checks of arguments from outside: they are this class's own.
+        self._navigate = self._program.navigate.function
 
     @staticmethod
     def estimated_cycles() -> int:
@@ -87,14 +88,15 @@ class Solver:
 
     def step(self, sums: NDArray[np.int64], n1: int, n2: int, height_mm: int, climb_mmps: int) -> None:
         """One cycle from summed counts (12,): the first n1 samples' six channels, then the last n2's."""
-        self.flags, self.height, self.latitude, self.longitude = self._program.navigate(
+        self.flags, self.height, self.latitude, self.longitude = self._navigate(
             sums, n1, n2, height_mm, climb_mmps, self.scale, *self.states, *self._outputs
         )
 
-    def write_solution(self, row: NDArray[Any]) -> None:
-        """Copy the solution into ``row`` (SOLUTION_FIELDS,), in the machine's own words."""
-        row[:5], row[5:8], row[8:12] = self._outputs
+    def solution(self) -> NDArray[Any]:
+        """A copy of the solution, (12,), as the machine holds it: pitch, roll, azimuth, heading, wander [rad]; velocity
+        east, north, up [m/s]; latitude and longitude in two words each [rad]."""
+        return np.concatenate(self._outputs)
 
     def words(self) -> NDArray[np.int64]:
         """The C3x singles of attitude (5), velocity (3) and height, as memory words."""
-        return self.machine.words(np.array([*self._outputs[0], *self._outputs[1], self.height]))
+        return self.machine.words(np.append(np.concatenate(self._outputs[:2]), self.height))
