@@ -1,21 +1,15 @@
 """The board's serial line as the computer beside it sees it: a pseudo-terminal, a file, or nothing.
 
-The only file of the simulator that touches the operating system's terminals and the wall clock. The UART paces its
-bytes in virtual time; a line takes them as they leave and never blocks the processor. `docs/serial-line.md` says how
-to attach and what was measured. The kernel's side: manual pages pty(7), TIOCPKT(2const), termios(3).
+With `terminal.py` the only file of the simulator that touches the operating system's terminals, and the only one
+that waits for the wall clock. The UART paces its bytes in virtual time; a line takes them as they leave and never
+blocks the processor. `docs/serial-line.md` says how to attach and what was measured.
 """
 
 from __future__ import annotations
 
-import fcntl
 import math
-import os
-import select
-import struct
 import sys
 import tempfile
-import termios
-import tty
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -25,20 +19,15 @@ from time import monotonic, sleep
 from typing import Protocol
 
 from firmware_sim.board.link_path import LinkPath
+from firmware_sim.board.spill_queue import SpillQueue
+from firmware_sim.board.terminal import Terminal
 from firmware_sim.errors import UsageError
 
 POLICIES = ("hold", "drop", "wait")
 
-# A reader that flushes when it opens (pyserial) does so within a millisecond; one that has not by now never will.
-SETTLE_S = 0.060
-FIRST_WINDOW_BYTES = 64
-# Half of the terminal's own buffer (4096 bytes): the kernel takes it at once and reports all of it.
-LAST_WINDOW_BYTES = 2048
 # What a receiver's operating system buffers before a real wire loses bytes: Linux' terminal buffer.
 DROP_WINDOW_BYTES = 4096
 MEMORY_LIMIT_BYTES = 16 * 2**20
-_REFILL_BYTES = 64 * 1024
-_INPUT_BYTES = 4096
 _SHORTEST_NAP_S, _LONGEST_NAP_S = 1e-4, 1e-2
 _ATTACH_LOOK_S = 5e-3
 
@@ -160,168 +149,6 @@ class FileLine(_Counted):
         return UsageError(f"{self._path}: expected a file that takes the line's bytes, found: {error.strerror}")
 
 
-class SpillQueue:
-    """Bytes in order: up to `memory_limit_bytes` in memory, what comes after them in an unnamed temporary file."""
-
-    def __init__(self, memory_limit_bytes: int) -> None:
-        self._limit = memory_limit_bytes
-        self._front = bytearray()
-        self._file: FileIO | None = None
-        self._file_begin = self._file_end = 0
-
-    def __len__(self) -> int:
-        return len(self._front) + self._file_end - self._file_begin
-
-    def put(self, data: bytes) -> None:
-        """Append; OSError when the temporary file cannot take it all: what fitted is kept."""
-        room = max(0, self._limit - len(self._front)) if self._file_begin == self._file_end else 0
-        self._front += data[:room]
-        self._spill(memoryview(data)[room:])
-
-    def put_back(self, data: bytes) -> None:
-        """Prepend."""
-        self._front[:0] = data
-
-    def take(self, limit: int) -> bytes:
-        """Remove and give the first bytes: at least one unless the queue is empty, at most `limit`."""
-        if not self._front:
-            self._refill()
-        taken = bytes(self._front[:limit])
-        del self._front[:limit]
-        return taken
-
-    def close(self) -> None:
-        if self._file:
-            self._file.close()
-
-    def _spill(self, rest: memoryview) -> None:
-        while rest:
-            if self._file is None:
-                # It lives as long as the queue, which closes it.
-                self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
-            written = os.pwrite(self._file.fileno(), rest, self._file_end)
-            self._file_end += written
-            rest = rest[written:]
-
-    def _refill(self) -> None:
-        if self._file is None or self._file_begin == self._file_end:
-            return
-        wanted = min(_REFILL_BYTES, self._file_end - self._file_begin)
-        block = os.pread(self._file.fileno(), wanted, self._file_begin)
-        self._front += block
-        self._file_begin += len(block)
-        if self._file_begin == self._file_end:
-            self._file_begin = self._file_end = 0
-            self._file.truncate(0)
-
-
-class _Terminal:
-    """One pseudo-terminal, and what the kernel may still have of the bytes given to it from `queue`."""
-
-    def __init__(self, queue: SpillQueue) -> None:
-        self._queue = queue
-        self._master, self.device = _open_pty()
-        self._raw_mode = termios.tcgetattr(self._master)
-        self._poll = select.poll()
-        self._poll.register(self._master, select.POLLIN | select.POLLPRI)
-        self.attached = False
-        # The newest bytes given to the kernel, until the reader is known to have read every one of them.
-        self.in_kernel = b""
-        self.unread = 0
-        self._window = FIRST_WINDOW_BYTES
-        self.reader_reads = False
-        self._settled_at = 0.0
-
-    def look(self) -> bytes:
-        """Learn whether a reader is here and how much is unread; gives what came from the reader.
-
-        The kernel's bytes are counted before the poll: a kernel that was empty then, and no flush told after, was
-        emptied by reading. The other way round a flush in between would pass for reading.
-        """
-        unread_before = self.unread
-        if self.in_kernel:
-            self.unread = _count_unread(self.device)
-        events = next((events for _, events in self._poll.poll(0)), 0)
-        here = not events & select.POLLHUP
-        if here and not self.attached:
-            self.reader_reads = False
-            self._window = FIRST_WINDOW_BYTES
-            self._settled_at = monotonic() + SETTLE_S
-        self.attached = here
-        return self._receive(unread_before) if events & (select.POLLIN | select.POLLPRI) else b""
-
-    def feed(self) -> int:
-        """Give the kernel its next bytes once the reader has read the last ones; the number of bytes read."""
-        if self.unread or monotonic() < self._settled_at:
-            return 0
-        read = len(self.in_kernel)
-        if read:
-            self.reader_reads = True
-        if read == self._window:
-            self._window = min(2 * self._window, LAST_WINDOW_BYTES)
-        chunk = self._queue.take(self._window)
-        written = self._write(chunk)
-        self._queue.put_back(chunk[written:])
-        self.in_kernel = chunk[:written]
-        self.unread = written
-        return read
-
-    def take_back(self) -> int:
-        """Put what the reader has not read at the front of the queue again; the number of bytes read."""
-        # A reader may leave the terminal in any mode; TCSANOW, because the other ways flush.
-        termios.tcsetattr(self._master, termios.TCSANOW, self._raw_mode)
-        read = max(0, len(self.in_kernel) - _read_away(self.device))
-        self._put_back(self.in_kernel[read:])
-        return read
-
-    def wait(self, seconds: float) -> None:
-        """Sleep until the reader sends, flushes or leaves, or the time is over: nothing tells of a read.
-
-        While nobody is attached the terminal reports a hang-up all the time, and this does not wait.
-        """
-        until_settled = self._settled_at - monotonic()
-        if until_settled > 0:
-            seconds = min(seconds, until_settled)
-        whole_ms = int(seconds * 1000)
-        if whole_ms:
-            self._poll.poll(whole_ms)
-        else:
-            sleep(seconds)
-
-    def close(self) -> None:
-        os.close(self._master)
-
-    def _receive(self, unread_before: int) -> bytes:
-        try:
-            packet = os.read(self._master, _INPUT_BYTES)
-        except OSError:
-            # Nothing to read any more, or no reader.
-            return b""
-        # In packet mode the first byte is TIOCPKT_DATA (0) before data, or flags that come alone.
-        if packet[0] & termios.TIOCPKT_FLUSHREAD:
-            self._reader_flushed(unread_before)
-        return packet[1:]
-
-    def _reader_flushed(self, unread_before: int) -> None:
-        """A flush ends the settling. It may come late, or twice: until the reader reads, flushed bytes come again."""
-        self._settled_at = 0.0
-        untouched = not self.reader_reads and unread_before == len(self.in_kernel)
-        # Bytes that are still there were given after the flush.
-        if untouched and not _count_unread(self.device):
-            self._put_back(self.in_kernel)
-
-    def _put_back(self, rest: bytes) -> None:
-        self._queue.put_back(rest)
-        self.in_kernel = b""
-        self.unread = 0
-
-    def _write(self, data: bytes) -> int:
-        try:
-            return os.write(self._master, data) if data else 0
-        except BlockingIOError:
-            return 0
-
-
 class PtyLine(_Counted):
     """A pseudo-terminal that one reader at a time opens like a serial port, and may close and open again.
 
@@ -349,9 +176,9 @@ class PtyLine(_Counted):
             raise UsageError(f"pty line: expected Linux, whose terminals it relies on, found {sys.platform}")
         self._policy = policy
         self._queue = SpillQueue(memory_limit_bytes)
-        self._terminals: list[_Terminal] = []
+        self._terminals: list[Terminal] = []
         # The terminal whose reader gets the bytes: the first that was opened.
-        self._active: _Terminal | None = None
+        self._active: Terminal | None = None
         self._link: LinkPath | None = None
         self._received = bytearray()
         self._look_after_s = _SHORTEST_NAP_S
@@ -359,7 +186,7 @@ class PtyLine(_Counted):
         with ExitStack() as undo:
             undo.callback(self._queue.close)
             for _ in range(1 if link is None else 2):
-                self._terminals.append(_Terminal(self._queue))
+                self._terminals.append(Terminal(self._queue))
                 undo.callback(self._terminals[-1].close)
             if link is not None:
                 self._link = LinkPath(link, [terminal.device for terminal in self._terminals])
@@ -450,7 +277,7 @@ class PtyLine(_Counted):
         else:
             self._welcome_next_reader()
 
-    def _look(self, terminal: _Terminal) -> None:
+    def _look(self, terminal: Terminal) -> None:
         self._received += terminal.look()
         if terminal is self._active and not terminal.attached:
             self._take_back()
@@ -471,7 +298,7 @@ class PtyLine(_Counted):
             while lost := self._queue.take(DROP_WINDOW_BYTES):
                 self._dropped += len(lost)
 
-    def _feed(self, terminal: _Terminal) -> None:
+    def _feed(self, terminal: Terminal) -> None:
         if terminal.unread:
             return
         self._read += terminal.feed()
@@ -489,62 +316,6 @@ class PtyLine(_Counted):
             self._look_after_s = min(2 * self._look_after_s, _LONGEST_NAP_S)
         else:
             self._active.wait(limit_s)
-
-
-def _open_pty() -> tuple[int, str]:
-    """The master's descriptor and the slave's name: raw, in packet mode, and never opened by a reader."""
-    master, slave = os.openpty()
-    device = os.ttyname(slave)
-    tty.setraw(slave)
-    # Only a terminal that was open once reports by POLLHUP that it is not open now.
-    os.close(slave)
-    os.set_blocking(master, False)
-    fcntl.ioctl(master, termios.TIOCPKT, struct.pack("i", 1))
-    return master, device
-
-
-def _open_slave(device: str) -> int | None:
-    """A descriptor of the reader's side, to be closed at once: while it is open no detach can be seen.
-
-    None when the reader took the terminal for itself (TIOCEXCL): then what was given to the kernel counts as read.
-    """
-    try:
-        return os.open(device, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError:
-        return None
-
-
-def _count_unread(device: str) -> int:
-    """Bytes that the kernel has for the reader; zero is exact."""
-    slave = _open_slave(device)
-    if slave is None:
-        return 0
-    try:
-        # Polling makes the kernel hand over what is still on its way; FIONREAD alone does not see it.
-        poll = select.poll()
-        poll.register(slave, select.POLLIN)
-        if not poll.poll(0):
-            return 0
-        return int(struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, bytes(4)))[0])
-    finally:
-        os.close(slave)
-
-
-def _read_away(device: str) -> int:
-    """Read in the reader's place what it has not read; the number of bytes."""
-    slave = _open_slave(device)
-    if slave is None:
-        return 0
-    count = 0
-    try:
-        # An empty terminal says so by an error or, as some readers leave it (VMIN = 0), by an empty read.
-        while block := os.read(slave, LAST_WINDOW_BYTES):
-            count += len(block)
-    except BlockingIOError:
-        pass
-    finally:
-        os.close(slave)
-    return count
 
 
 class Pacer:

@@ -17,7 +17,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from firmware_sim.board import line as line_module
-from firmware_sim.board.line import FileLine, Ledger, Line, NullLine, Pacer, PtyLine, SpillQueue
+from firmware_sim.board import spill_queue, terminal
+from firmware_sim.board.line import FileLine, Ledger, Line, NullLine, Pacer, PtyLine
+from firmware_sim.board.spill_queue import SpillQueue
 from firmware_sim.errors import UsageError
 
 GUARD_S = 60.0
@@ -153,7 +155,8 @@ def test_reader_that_never_flushes_gets_all():
 
 def test_nothing_is_given_before_a_new_reader_had_the_time_to_flush(monkeypatch):
     now = [1000.0]
-    monkeypatch.setattr(line_module, "monotonic", lambda: now[0])
+    for module in (line_module, terminal):
+        monkeypatch.setattr(module, "monotonic", lambda: now[0])
     with closing(PtyLine()) as line:
         line.write(b"wait")
         reader = open_plain(line.device)
@@ -522,7 +525,7 @@ def test_held_bytes_go_to_a_file_and_come_back_in_order():
 
 
 def test_full_disk_is_one_sentence_and_the_ledger_still_balances(monkeypatch):
-    monkeypatch.setattr(line_module.tempfile, "TemporaryFile", lambda buffering: FileIO("/dev/full", "r+"))
+    monkeypatch.setattr(spill_queue.tempfile, "TemporaryFile", lambda buffering: FileIO("/dev/full", "r+"))
     line = PtyLine(memory_limit_bytes=10)
     with pytest.raises(UsageError, match="No space left on device"):
         line.write(bytes(100))
