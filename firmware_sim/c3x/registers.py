@@ -1,4 +1,4 @@
-"""Registers (SPRU031 table 13-10, page 13-24) and conditions (table 13-12, page 13-30): their names and codes."""
+"""Registers (SPRU031 table 13-10) and conditions (table 13-12, page 13-30): their names and codes."""
 
 from typing import Final
 
