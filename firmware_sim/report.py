@@ -18,10 +18,11 @@ ERROR_NAMES = ("horizontal_m", "velocity_mps", "attitude_arcmin")
 
 # Columns of a navigation state: lat, lon [rad]; height [m]; velocity east, north, up [m/s]; pitch, roll, azimuth [rad].
 LAT, LON, VELOCITY, ATTITUDE = 0, 1, slice(3, 5), slice(6, 9)
+ANGLES = (1, 6, 7, 8)  # those that may wrap
 
 
 def differences(states: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Horizontal distance [m], horizontal velocity [m/s] and largest attitude angle [arcmin] between states, (n, 3).
+    """Horizontal distance [m], horizontal velocity [m/s] and angle of rotation [arcmin] between states, (n, 3).
 
     ``states`` and ``reference``: (n, 9) as above. The distance takes the Earth for a sphere, which is good to 0.7 %
     of it.
@@ -29,10 +30,23 @@ def differences(states: NDArray[np.float64], reference: NDArray[np.float64]) -> 
     north_m = (states[:, LAT] - reference[:, LAT]) * EARTH_RADIUS_M
     east_m = _wrapped(states[:, LON] - reference[:, LON]) * EARTH_RADIUS_M * np.cos(reference[:, LAT])
     velocity = states[:, VELOCITY] - reference[:, VELOCITY]
-    attitude = np.abs(_wrapped(states[:, ATTITUDE] - reference[:, ATTITUDE])).max(axis=1)
+    # Of the rotation between both attitudes, which has no singularity: |A - B| = 2 sqrt(2) sin(angle/2).
+    change = np.linalg.norm(_matrices(states[:, ATTITUDE]) - _matrices(reference[:, ATTITUDE]), axis=(1, 2))
+    angle_rad = 2.0 * np.arcsin(np.minimum(change / np.sqrt(8.0), 1.0))
     return np.column_stack(
-        [np.hypot(north_m, east_m), np.hypot(velocity[:, 0], velocity[:, 1]), np.degrees(attitude) * 60.0]
+        [np.hypot(north_m, east_m), np.hypot(velocity[:, 0], velocity[:, 1]), np.degrees(angle_rad) * 60.0]
     )
+
+
+def _matrices(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """C_tb = Rz(azimuth) Rx(pitch) Ry(roll) for rows of (pitch, roll, azimuth), (n, 3, 3)."""
+    (sp, sr, sa), (cp, cr, ca) = np.sin(angles_rad).T, np.cos(angles_rad).T
+    rows = [
+        [ca * cr - sa * sp * sr, -sa * cp, ca * sr + sa * sp * cr],
+        [sa * cr + ca * sp * sr, ca * cp, sa * sr - ca * sp * cr],
+        [-cp * sr, sp, cp * cr],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def _wrapped(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -80,15 +94,30 @@ class Report(dict[str, Any]):
                 f"the solver service took {first['cycles']} cycles in navigation cycle {first['nav_cycle']},"
                 f" {first['cycles'] - self['budget_cycles']} over the budget of {self['budget_cycles']}"
             )
-        return f"{self['overruns']} tick(s) came while the solver was still busy"
+        first = self["first_overrun"]
+        if first is None:
+            return f"{self['overruns']} tick(s) were never served: interrupts of higher priority left no time"
+        return (
+            f"{self['overruns']} tick(s) came while the solver service was busy, first in navigation cycle"
+            f" {first['nav_cycle']}: it returned {first['cycles']} cycles after its tick,"
+            f" {first['cycles'] - self['tick_cycles']} over the tick period of {self['tick_cycles']}"
+        )
 
     def write(self, path: Path) -> None:
-        """Write the JSON document, complete or not at all. Raises UsageError when the file cannot be written."""
-        partial = path.with_name(f".{path.name}.{os.getpid()}")
+        """Write the JSON document, complete or not at all; a link is followed, a device written to.
+
+        Raises UsageError when the file cannot be written.
+        """
+        text = json.dumps(self, indent=2) + "\n"
         try:
+            target = path.resolve()
+            if target.exists() and not target.is_file():
+                target.write_text(text, encoding="utf-8")
+                return
+            partial = target.with_name(f".{target.name}.{os.getpid()}")
             try:
-                partial.write_text(json.dumps(self, indent=2) + "\n", encoding="utf-8")
-                partial.replace(path)
+                partial.write_text(text, encoding="utf-8")
+                partial.replace(target)
             finally:
                 partial.unlink(missing_ok=True)
         except OSError as error:
@@ -105,6 +134,8 @@ class Report(dict[str, Any]):
         rows += [self._timing_row(name) for name in self["timing"]]
         rows += [self._errors_row(name) for name in ("errors_vs_truth", "errors_vs_double") if self[name]]
         rows.append("A/D: {samples} samples, {lost} lost".format(**self["adc"]))
+        if self["frames"] and self["frames"]["dropped"]:
+            rows.append(f"frames: {self['frames']['dropped']} dropped, the line is too slow for them")
         rows.append("line: {sent} bytes sent = {read} read + {held} held + {dropped} dropped".format(**self["line"]))
         return "\n".join(rows)
 

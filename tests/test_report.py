@@ -1,6 +1,7 @@
 """Differences of navigation states, error records, the JSON document and the table."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ def report(**changes):
     times = {"count": 5, "max": 9000, "p999": 8900, "median": 8000}
     document = Report(
         engine="c3x", scenario="sway", seed=3, duration_s=10.0, wall_s=0.1, real_time_factor=100.0, nav_cycles=500,
-        budget_cycles=500_000, overruns=0, exceeded=None, timing_is="estimated",
+        tick_cycles=500_000, budget_cycles=500_000, overruns=0, first_overrun=None, exceeded=None,
+        timing_is="estimated", frames={"dropped": 0},
         timing={"nav": times, "adc": times, "uart": times}, adc={"samples": 10_000, "lost": 0},
         line={"sent": 9, "read": 5, "held": 3, "dropped": 1},
         errors_vs_truth={name: {"end": 1.5, "max": 2.5} for name in ERROR_NAMES},
@@ -42,10 +44,35 @@ def test_differences_do_not_jump_at_the_date_line_or_at_north():
     assert arcmin == pytest.approx(np.degrees(2e-4) * 60, rel=1e-6)
 
 
-def test_velocity_and_the_largest_angle():
-    (_, velocity_mps, arcmin) = differences(state(velocity=(3, 4, 9), attitude=(0.001, -0.002, 0.0005)), state())[0]
+def test_velocity_and_the_angle_of_rotation():
+    (_, velocity_mps, arcmin) = differences(state(velocity=(3, 4, 9), attitude=(0.002, -0.001, 0.002)), state())[0]
     assert velocity_mps == 5.0
-    assert arcmin == pytest.approx(np.degrees(0.002) * 60)
+    # Small turns about three axes add as a vector, 2-1-2 is 3, to second order.
+    assert arcmin == pytest.approx(np.degrees(0.003) * 60, rel=2e-3)
+
+
+def test_the_attitude_error_has_no_singularity_at_the_vertical():
+    # Nose up, roll and azimuth trade places: the same attitude.
+    up = np.pi / 2
+    (_, _, arcmin) = differences(state(attitude=(up, 0.3, 0.2)), state(attitude=(up, 0.1, 0.4)))[0]
+    assert arcmin < 1e-6
+    (_, _, arcmin) = differences(state(attitude=(up, 0.0, 0.001)), state(attitude=(up, 0.0, 0.0)))[0]
+    assert arcmin == pytest.approx(np.degrees(0.001) * 60, rel=1e-6)
+
+
+def test_a_report_to_a_device_or_through_a_link_leaves_both_in_place(tmp_path):
+    pipe, target, link = tmp_path / "pipe", tmp_path / "target.json", tmp_path / "link.json"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    report().write(pipe)
+    assert json.loads(os.read(reader, 1 << 16)) == dict(report())
+    os.close(reader)
+    assert pipe.is_fifo()
+    target.write_text("old")
+    link.symlink_to(target)
+    report().write(link)
+    assert link.is_symlink()
+    assert json.loads(target.read_text()) == dict(report())
 
 
 def test_the_record_keeps_end_and_maximum_and_skips_what_is_unknown():
@@ -89,7 +116,11 @@ def test_the_budget_sentence_says_which_cycle_and_by_how_much():
     over = report(budget_cycles=8000, exceeded={"nav_cycle": 17, "cycles": 9000})
     assert not over.within_budget
     assert "9000 cycles in navigation cycle 17, 1000 over the budget of 8000" in over.budget_sentence
-    late = report(overruns=2)
+    late = report(overruns=2, first_overrun={"nav_cycle": 7, "cycles": 500_100})
     assert not late.within_budget
-    assert "2 tick(s)" in late.budget_sentence
+    assert "2 tick(s) came" in late.budget_sentence
+    assert "in navigation cycle 7: it returned 500100 cycles after its tick, 100 over" in late.budget_sentence
+    starved = report(overruns=3000)
+    assert not starved.within_budget
+    assert "3000 tick(s) were never served" in starved.budget_sentence
     assert report().within_budget

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from firmware_sim.board import adc, timer, uart
+from firmware_sim.board.adc import CHANNELS
 from firmware_sim.board.board import Circuit
 from firmware_sim.board.interrupts import INT0, INT1, TINT0, TINT1
 from firmware_sim.board.sheet import BoardSheet
@@ -28,9 +29,9 @@ from firmware_sim.firmware.services import (
     SERVICES,
     SUMS,
     TAKEN_SIZE,
+    TICK,
     TICK_BEGINS,
     TICK_CYCLES,
-    TICKS,
     end_tick,
     new_state,
     run_services,
@@ -44,8 +45,8 @@ _FAULTS = 0x3F << adc.FIRST_FAULT_BIT | adc.HEIGHT_FAULT
 _WORD = 0xFFFFFFFF
 _SINGLES = ("pitch", "roll", "azimuth", "heading", "wander", "vel_east", "vel_north", "vel_up", "height")
 _SUMS = tuple(f"{sensor}_sum_{axis}" for sensor in ("gyro", "acc") for axis in "xyz")
-# All descriptions go out once in this time; on a line that the navigation frames fill, one description does.
-_DESCRIPTION_PERIOD_S = 1.0
+# All descriptions go out in this time where the line has room, and in the other at the latest.
+_DESCRIPTION_PERIOD_S, _LATEST_PERIOD_S = 1.0, 10.0
 
 
 class NativeProcessor:
@@ -68,9 +69,9 @@ class NativeProcessor:
         self._descriptions = [np.frombuffer(frame, np.uint8) for frame in self._table.descriptions()]
         self._next_description = 0
         self._last_description = 0
-        ticks_a_period = _DESCRIPTION_PERIOD_S * sheet.h1_hz / sheet.tick_cycles
-        self._description_late = max(1, round(ticks_a_period))
-        self._description_interval = ticks_a_period / len(self._descriptions)
+        ticks_per_s = sheet.h1_hz / sheet.tick_cycles
+        self._description_interval = _DESCRIPTION_PERIOD_S * ticks_per_s / len(self._descriptions)
+        self._latest_interval = _LATEST_PERIOD_S * ticks_per_s / len(self._descriptions)
         self._next_due = 0.0
         frame_bytes = self._table.layout.size + 8
         self.nav_cycles = solver.estimated_cycles() + TICK_CYCLES + frame_bytes * FRAME_BYTE_CYCLES
@@ -130,7 +131,7 @@ class NativeProcessor:
         values["valid_time"] = number & _WORD
         values["samples"] = min(n1 + n2, 255)
         values["lost_samples"] = lost & _WORD
-        values.update(zip(_SUMS, (sums[:6] + sums[6:]).tolist(), strict=True))
+        values.update(zip(_SUMS, (sums[:CHANNELS] + sums[CHANNELS:]).tolist(), strict=True))
         self._on_step(number, sums, n1, n2, height_mm, climb_mmps)
 
     def _flags_of_samples(self, status: int, lost: int, samples: int) -> int:
@@ -145,12 +146,12 @@ class NativeProcessor:
     def _report(self, circuit: Circuit, now: int) -> None:
         """The tick's service ends: pack the frame and hand it to the UART."""
         values = self._values
-        tick, overruns, sent_after = self._taken[TICKS:].tolist()
+        tick, overruns, sent_after = self._taken[TICK:].tolist()
         self._flags |= self.solver.flags
         self._flags |= telemetry.TICK_OVERRUN if overruns > values["overruns"] else 0
         self._flags |= telemetry.FRAME_DROPPED if self._was_dropped else 0
-        values["tick"], values["sent_after"] = tick & _WORD, sent_after
-        values["mode"], values["flags"], values["overruns"] = telemetry.NAVIGATE, self._flags, overruns
+        values["tick"], values["sent_after"] = tick & _WORD, sent_after & _WORD
+        values["mode"], values["flags"], values["overruns"] = telemetry.NAVIGATE, self._flags, overruns & _WORD
         values.update(zip(_SINGLES, self.solver.words().tolist(), strict=True))
         values["latitude"], values["longitude"] = self.solver.latitude, self.solver.longitude
         sent = end_tick(
@@ -161,7 +162,7 @@ class NativeProcessor:
             np.frombuffer(self._table.pack(values), np.uint8),
             self._descriptions[self._next_description],
             tick >= self._next_due,
-            tick - self._last_description >= self._description_late,
+            tick - self._last_description >= self._latest_interval,
             self.nav_cycles,
             now,
         )

@@ -10,11 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_sim.board import adc, timer, uart
+from firmware_sim.board import adc, uart
 from firmware_sim.board.adc import adc_read, adc_write
 from firmware_sim.board.board import Circuit, circuit_advance, circuit_next
 from firmware_sim.board.interrupts import INT0, INT1, TINT0, clear, next_source
-from firmware_sim.board.timer import timer_read
 from firmware_sim.board.uart import uart_read, uart_write
 from firmware_sim.firmware.stopwatch import EXECUTION, JITTER, RESPONSE, note
 from firmware_sim.jit import jit
@@ -25,6 +24,8 @@ UART_CYCLES, UART_BYTE_CYCLES = 40, 12
 SHORT_CYCLES = 20
 TICK_CYCLES, FRAME_BYTE_CYCLES = 120, 14
 
+_WORD = 0xFFFFFFFF
+_FULL_PART = 2**30
 RING_SIZE = 4096
 FRAME_SENT, DESCRIPTION_SENT = 1, 2
 TICK_BEGINS, TICK_ENDS, REACHED = 0, 1, 2
@@ -34,7 +35,7 @@ SERVICES = ("adc", "uart", "nav")
 ADC_SERVICE, UART_SERVICE, NAV_SERVICE = range(3)
 
 # What the tick's service gets in ``taken``: the sums, and the numbers that belong to them; the last three at its end.
-N1, N2, NUMBER, HEIGHT, CLIMB, STATUS, LOST, TICKS, OVERRUNS, SENT_AFTER = range(SUMS, SUMS + 10)
+N1, N2, NUMBER, HEIGHT, CLIMB, STATUS, LOST, TICK, OVERRUNS, SENT_AFTER = range(SUMS, SUMS + 10)
 TAKEN_SIZE = SENT_AFTER + 1
 
 STATE = np.dtype(
@@ -51,8 +52,11 @@ STATE = np.dtype(
         ("samples", "i8"),
         ("lost", "i8"),
         # tick
-        ("ticks", "i8"),
-        ("overruns", "i8"),
+        ("services", "i8"),  # of the tick, begun
+        ("tick", "i8"),  # number of the tick that the last one serves, from 1
+        ("overruns", "i8"),  # ticks that came while a service was busy
+        ("overrun_service", "i8"),  # the first service that was still busy, from 1, and its response
+        ("overrun_response", "i8"),
         ("in_tick", "i8"),
         ("tick_left", "i8"),  # cycles that the tick's service still needs
         ("tick_requested", "i8"),
@@ -85,11 +89,11 @@ def serve_adc(circuit: Circuit, state: NDArray[np.void]) -> int:
     devices = circuit.adc
     status = adc_read(devices, adc.STATUS)
     adc_write(devices, adc.STATUS, status & ~adc.END_OF_CONVERSION)
-    number = adc_read(devices, adc.NUMBER)
-    state[0].lost += number - state[0].number - 1
-    state[0].number = number
+    # The register has 32 bits: count on from its step.
+    step = (adc_read(devices, adc.NUMBER) - state[0].number) & _WORD
+    state[0].lost += step - 1
+    state[0].number += step
     state[0].samples += 1
-    state[0].status |= status
     state[0].height_mm = adc_read(devices, adc.HEIGHT)
     state[0].climb_mmps = adc_read(devices, adc.CLIMB)
     part = 0
@@ -100,7 +104,12 @@ def serve_adc(circuit: Circuit, state: NDArray[np.void]) -> int:
         part = adc.CHANNELS
     sums = state[0].sums
     for channel in range(adc.CHANNELS):
-        sums[part + channel] += adc_read(devices, adc.FIRST_CHANNEL + channel)
+        wanted = sums[part + channel] + adc_read(devices, adc.FIRST_CHANNEL + channel)
+        # After missed ticks a sum may outgrow its word: it saturates, so that both parts still add up to one.
+        sums[part + channel] = min(max(wanted, -_FULL_PART), _FULL_PART - 1)
+        if wanted != sums[part + channel]:
+            status |= adc.SATURATED
+    state[0].status |= status
     return ADC_CYCLES
 
 
@@ -176,6 +185,12 @@ def _take(state: NDArray[np.void], taken: NDArray[np.int64]) -> None:
 
 
 @jit
+def _tick_cycles(circuit: Circuit) -> int:
+    """Cycles from tick to tick; the boot code starts TIMER0 in cycle 0."""
+    return 2 * circuit.timer0[0].period
+
+
+@jit
 def _begin(
     circuit: Circuit, state: NDArray[np.void], ring: NDArray[np.uint8], watch: NDArray[np.int64], bit: int, now: int
 ) -> None:
@@ -185,7 +200,8 @@ def _begin(
     if bit == TINT0:
         circuit.interrupts[0].enable &= ~(1 << TINT0)
         state[0].in_tick = 1
-        state[0].ticks += 1
+        state[0].services += 1
+        state[0].tick = now // _tick_cycles(circuit)
         state[0].tick_requested = requested
         note(watch[NAV_SERVICE, JITTER], now - requested)
         return
@@ -228,23 +244,42 @@ def end_tick(
 ) -> int:
     """The tick's service hands over its frame and returns after ``execution`` cycles of its own.
 
-    A description that is due goes with it when the line has nothing else to send, one that is late in any case. Gives
-    FRAME_SENT and DESCRIPTION_SENT as bits. A tick that came meanwhile is an overrun.
+    A description that is due goes with it when the line has nothing else to send; one that is late goes first, and
+    the frame is given up until there is room for it. Gives FRAME_SENT and DESCRIPTION_SENT as bits.
     """
     sent = 0
     line_is_idle = state[0].ring_count == 0
-    if _transmit(circuit, state, ring, frame, now):
-        sent |= FRAME_SENT
-    may_describe = (line_is_idle and description_is_due) or description_is_late
-    if may_describe and _transmit(circuit, state, ring, description, now):
-        sent |= DESCRIPTION_SENT
+    if description_is_late:
+        # Before the frame, or it would never find room on a line that the frames fill.
+        if _transmit(circuit, state, ring, description, now):
+            sent |= DESCRIPTION_SENT
+            if _transmit(circuit, state, ring, frame, now):
+                sent |= FRAME_SENT
+    else:
+        if _transmit(circuit, state, ring, frame, now):
+            sent |= FRAME_SENT
+        if line_is_idle and description_is_due and _transmit(circuit, state, ring, description, now):
+            sent |= DESCRIPTION_SENT
+    _note_end_of_tick(circuit, state, watch, execution, now)
+    return sent
+
+
+@jit
+def _note_end_of_tick(
+    circuit: Circuit, state: NDArray[np.void], watch: NDArray[np.int64], execution: int, now: int
+) -> None:
+    response = now - state[0].tick_requested
     note(watch[NAV_SERVICE, EXECUTION], execution)
-    note(watch[NAV_SERVICE, RESPONSE], now - state[0].tick_requested)
+    note(watch[NAV_SERVICE, RESPONSE], response)
     state[0].in_tick = 0
     circuit.interrupts[0].enable |= 1 << TINT0
-    if circuit.interrupts[0].flags >> TINT0 & 1:
-        state[0].overruns += 1
-    return sent
+    # A tick of this very cycle came to a service that had ended.
+    passed = (now - 1) // _tick_cycles(circuit) - state[0].tick
+    if passed > 0:
+        if state[0].overruns == 0:
+            state[0].overrun_service = state[0].services
+            state[0].overrun_response = response
+        state[0].overruns += passed
 
 
 @jit
@@ -294,7 +329,7 @@ def run_services(
                 _end_short(state, watch, now)
         elif state[0].in_tick and state[0].tick_left == 0:
             _advance(circuit, state, now)
-            taken[TICKS] = state[0].ticks
+            taken[TICK] = state[0].tick
             taken[OVERRUNS] = state[0].overruns
-            taken[SENT_AFTER] = timer_read(circuit.timer0, timer.COUNTER, now)
+            taken[SENT_AFTER] = (now - state[0].tick * _tick_cycles(circuit)) // 2
             return now, TICK_ENDS

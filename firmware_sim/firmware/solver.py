@@ -50,7 +50,7 @@ class Solver:
         self._program = build([initialise, navigate], machine)
         self._navigate: Any = self._program.navigate
         self.scale = machine.array(_interleaved(list(scale)))
-        shapes = [4, 4, 3, 3, 3, (3, 3), (3, 3), 3, 3]
+        shapes = [4, 4, 3, 3, 3, (3, 3), (3, 3), 3, 3, 3]
         self.states = [machine.array(np.zeros(shape)) for shape in shapes]
         self._outputs = [machine.array(np.zeros(size)) for size in (5, 3, 4)]
         self.flags = 0

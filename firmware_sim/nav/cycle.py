@@ -26,6 +26,7 @@ def navigate(
     C: Real[3, 3],
     C_low: Real[3, 3],
     rotation_carry_rad: Real[3],
+    velocity_carry_mps: Real[3],
     quaternion_carry: Real[3],
     angles_rad: Real[5],
     velocity_t_mps: Real[3],
@@ -53,6 +54,7 @@ def navigate(
         C,
         C_low,
         rotation_carry_rad,
+        velocity_carry_mps,
         quaternion_carry,
     )
     flags = solution(q, velocity_p_mps, C, C_low, height_m, angles_rad, velocity_t_mps, place)

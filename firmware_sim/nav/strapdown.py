@@ -31,7 +31,7 @@ from firmware_sim.nav.elementary import (
     reciprocal,
     sine_cosine_two_word,
 )
-from firmware_sim.nav.vector import cross, multiply_two_word
+from firmware_sim.nav.vector import cross, multiply_two_word, scaled_count, split_count
 
 # Layout of ``scale``: the weight of one count and the sample period, each in two words.
 GYRO_LSB, ACC_LSB, SAMPLE_PERIOD = 0, 2, 4
@@ -56,6 +56,7 @@ def initialise(
     C: Real[3, 3],
     C_low: Real[3, 3],
     rotation_carry_rad: Real[3],
+    velocity_carry_mps: Real[3],
     quaternion_carry: Real[3],
 ) -> None:
     """Set the states from a place (latitude, its low word, longitude, its low word [rad]), a velocity in t and
@@ -82,6 +83,7 @@ def initialise(
         velocity_low_mps[i] = 0.0
         velocity_change_mps[i] = 0.0
         rotation_carry_rad[i] = 0.0
+        velocity_carry_mps[i] = 0.0
         quaternion_carry[i] = 0.0
 
 
@@ -94,15 +96,16 @@ def increments_of(
     rotation_rad: Real[3],
     rotation_carry_rad: Real[3],
     velocity_mps: Real[3],
+    velocity_carry_mps: Real[3],
 ) -> float:
     """Rotation vector and velocity increment of the cycle in start-of-cycle body axes; gives the cycle's duration [s].
 
     ``sums`` holds gyro x y z and accelerometer x y z of the first n1 samples, then of the last n2. The totals are
-    added as integers and rounded once. Coning and sculling follow from rates linear in time over parts of lengths n1
-    and n2: the factor of alpha1 x alpha2 is N^2/(6 n1 n2), which is the usual 2/3 for halves. The second-order term
-    of the rotation, alpha x (alpha x v)/6, is worth 10 mm after 10 min of a 3 deg/s turn. What rounding drops from
-    the rotation goes into the next cycle's: in a steady turn it is the same each time, and would grow to 0.02 arcmin
-    in an hour.
+    added as integers and weighted in two words. Coning and sculling follow from rates linear in time over parts of
+    lengths n1 and n2: the factor of alpha1 x alpha2 is N^2/(6 n1 n2), which is the usual 2/3 for halves. The
+    second-order term of the rotation, alpha x (alpha x v)/6, is worth 10 mm after 10 min of a 3 deg/s turn. What
+    rounding drops from the increments goes into the next cycle's: in a steady turn it is the same each time, and would
+    grow to 0.02 arcmin in an hour.
     """
     alpha = zeros(3)
     alpha1 = zeros(3)
@@ -116,15 +119,11 @@ def increments_of(
     turn = zeros(3)
     turn_again = zeros(3)
     for i in range(3):
-        total = float(sums[i] + sums[i + 6])
-        alpha[i] = total * scale[GYRO_LSB] + total * scale[GYRO_LSB + 1]
-        part = float(sums[i])
-        alpha1[i] = part * scale[GYRO_LSB]
+        alpha[i] = float(sums[i] + sums[i + 6]) * scale[GYRO_LSB]
+        alpha1[i] = float(sums[i]) * scale[GYRO_LSB]
         alpha2[i] = alpha[i] - alpha1[i]
-        total = float(sums[i + 3] + sums[i + 9])
-        v[i] = total * scale[ACC_LSB] + total * scale[ACC_LSB + 1]
-        part = float(sums[i + 3])
-        v1[i] = part * scale[ACC_LSB]
+        v[i] = float(sums[i + 3] + sums[i + 9]) * scale[ACC_LSB]
+        v1[i] = float(sums[i + 3]) * scale[ACC_LSB]
         v2[i] = v[i] - v1[i]
     samples = float(n1 + n2)
     factor = 0.0
@@ -137,14 +136,16 @@ def increments_of(
     cross(alpha, v, turn)
     cross(alpha, turn, turn_again)
     for i in range(3):
-        total = float(sums[i] + sums[i + 6])
-        carry = rotation_carry_rad[i]
-        rotation_rad[i] = total * scale[GYRO_LSB] + (total * scale[GYRO_LSB + 1] + (factor * coning[i] + carry))
-        rotation_carry_rad[i] = (total * scale[GYRO_LSB] - rotation_rad[i]) + (
-            total * scale[GYRO_LSB + 1] + (factor * coning[i] + carry)
+        count, rest = split_count(sums[i] + sums[i + 6])
+        rotation_rad[i], rotation_carry_rad[i] = scaled_count(
+            count, rest, scale[GYRO_LSB], scale[GYRO_LSB + 1], factor * coning[i], rotation_carry_rad[i]
         )
+        count, rest = split_count(sums[i + 3] + sums[i + 9])
         compensation = sculling[i] + twist[i]
-        velocity_mps[i] = v[i] + (0.5 * turn[i] + turn_again[i] * (1.0 / 6.0) + factor * compensation)
+        bent_mps = 0.5 * turn[i] + turn_again[i] * (1.0 / 6.0) + factor * compensation
+        velocity_mps[i], velocity_carry_mps[i] = scaled_count(
+            count, rest, scale[ACC_LSB], scale[ACC_LSB + 1], bent_mps, velocity_carry_mps[i]
+        )
     return samples * scale[SAMPLE_PERIOD] + samples * scale[SAMPLE_PERIOD + 1]
 
 
@@ -176,12 +177,14 @@ def step(
     C: Real[3, 3],
     C_low: Real[3, 3],
     rotation_carry_rad: Real[3],
+    velocity_carry_mps: Real[3],
     quaternion_carry: Real[3],
 ) -> None:
     """One cycle of navigation: the states move from the start to the end of the summed samples.
 
     ``velocity_change_mps`` keeps the last change of velocity: the velocity at mid-interval is extrapolated with it.
-    The two carries keep what rounding dropped from the body's rotation and from its half in the quaternion.
+    The carries keep what rounding dropped from the body's rotation and velocity increment and from the rotation's
+    half in the quaternion.
     """
     rotation_rad = zeros(3)
     dv_b = zeros(3)
@@ -190,7 +193,7 @@ def step(
     platform_rad = zeros(3)
     T = zeros(3, 3)
     T_low = zeros(3, 3)
-    duration_s = increments_of(sums, n1, n2, scale, rotation_rad, rotation_carry_rad, dv_b)
+    duration_s = increments_of(sums, n1, n2, scale, rotation_rad, rotation_carry_rad, dv_b, velocity_carry_mps)
 
     # Rates of the platform at mid-interval; height and climb come from its end.
     half_s = 0.5 * duration_s

@@ -1,7 +1,7 @@
 """Small vectors and two-word numbers: what the solver's equations are written with.
 
 A *two-word* number is a high and a low single whose sum is meant; one single resolves a longitude to
-0.6 m only, and increments of 1e-8 are lost in it (docs/numerics in the design: compensated states).
+0.6 m only, and increments of 1e-8 are lost in it (docs/navigation.md).
 """
 
 from __future__ import annotations
@@ -31,3 +31,21 @@ def multiply_two_word(a: float, a_low: float, b: float, b_low: float) -> tuple[f
     high = a * b + (a * b_low + a_low * b)
     low = (a * b - high) + (a * b_low + a_low * b)
     return high, low
+
+
+@kernel
+def split_count(count: int) -> tuple[float, float]:
+    """A 32-bit count in two words: a single holds 24 bits of it."""
+    high = float(count)
+    rest = float(count - int(high))
+    return high, rest
+
+
+@kernel
+def scaled_count(
+    count: float, rest: float, weight: float, weight_low: float, correction: float, carry: float
+) -> tuple[float, float]:
+    """count x weight + correction + carry, both factors in two words: the single, and what its rounding dropped."""
+    value = count * weight + (rest * weight + (count * weight_low + (correction + carry)))
+    dropped = (count * weight - value) + (rest * weight + (count * weight_low + (correction + carry)))
+    return value, dropped

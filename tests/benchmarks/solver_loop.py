@@ -21,6 +21,7 @@ def fly_a_second(
     C: Real[3, 3],
     C_low: Real[3, 3],
     rotation_carry_rad: Real[3],
+    velocity_carry_mps: Real[3],
     quaternion_carry: Real[3],
 ) -> None:
     """Fifty cycles of twenty samples: sum the counts of both halves, step the states."""
@@ -46,5 +47,6 @@ def fly_a_second(
             C,
             C_low,
             rotation_carry_rad,
+            velocity_carry_mps,
             quaternion_carry,
         )

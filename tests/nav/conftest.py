@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_sim.firmware.solver import SOLUTION_FIELDS, Solver
+from firmware_sim.firmware.solver import Solver
 from firmware_sim.kernels.language import Scalar
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, Machine, build
 from firmware_sim.nav import attitude, earth, strapdown, vector
@@ -21,6 +21,8 @@ KERNELS = {
         vector.cross,
         vector.sum_of_products,
         vector.multiply_two_word,
+        vector.split_count,
+        vector.scaled_count,
         earth.curvature,
         attitude.rotation_less_one,
         attitude.rotate_quaternion,
@@ -104,9 +106,7 @@ def solution_of() -> Callable[[Solver], NDArray[np.float64]]:
     """Reads a solver as float64: pitch, roll, azimuth, heading, wander; velocity in t; latitude, longitude."""
 
     def read(solver: Solver) -> NDArray[np.float64]:
-        row = np.empty(SOLUTION_FIELDS, solver.machine.real_dtype)
-        solver.write_solution(row)
-        values = solver.machine.values(row)
+        values = solver.machine.values(solver.solution())
         return np.array([*values[:8], values[8] + values[9], values[10] + values[11]])
 
     return read

@@ -410,11 +410,11 @@ def drifting(solution_of: SolutionOf, machine: Machine, forget: bool) -> Floats:
     rate = EARTH_RATE_RADPS * np.array([0.0, math.cos(0.7), math.sin(0.7)]) + [math.radians(0.05) / 3600.0, 0.0, 0.0]
     increment = np.concatenate([rate * 0.01 / SCALE[0], [0.0, 0.0, GRAVITY_MPS2 * 0.01 / SCALE[1]]])
     counts = np.diff(np.rint(np.outer(np.arange(30_001), increment)), axis=0).astype(np.int64).reshape(-1, 12)
-    _, q_low, _, velocity_low, _, _, C_low, rotation_carry, quaternion_carry = solver.states  # noqa: N806
+    _, q_low, _, velocity_low, _, _, C_low, *carries = solver.states  # noqa: N806
     for sums in counts:
         solver.step(sums, *HALVES, 0, 0)
         if forget:
-            for words in (q_low, velocity_low, C_low, rotation_carry, quaternion_carry):
+            for words in (q_low, velocity_low, C_low, *carries):
                 words[...] = machine.encode(0.0)
     return A_M * solution_of(solver)[8:10]
 

@@ -6,6 +6,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -65,3 +66,24 @@ def test_the_low_words_count(parts: Any) -> None:
     # 1 + 2^-25 squared: a single word would drop all that the low ones bring.
     high, low = parts("multiply_two_word", 1.0, 2.0**-25, 1.0, 2.0**-25)
     assert abs((high - 1.0) + low - 2.0**-24) <= 2.0**-31
+
+
+@pytest.mark.parametrize("count", [0, 1, -1, 2**24 + 1, -(2**24) - 1, 33_554_431, 2**30 + 1, -(2**30) - 3, -(2**31)])
+def test_a_count_of_more_than_24_bits_is_whole_in_two_words(parts: Any, count: int) -> None:
+    high, rest = parts("split_count", count)
+    assert high + rest == count
+    # What a single cannot hold of 31 bits: half a unit of its last place.
+    assert abs(rest) <= 64
+
+
+def test_what_rounding_drops_from_a_weighted_count_comes_back(c3x: Any) -> None:
+    weight, weight_low = 1.0e-8 / 3.0, 0.0
+    weight = float(c3x.machine.decode(c3x.machine.encode(weight)))
+    carry, total = 0.0, 0.0
+    for _ in range(1000):
+        value, carry = c3x("scaled_count", 33_554_431.0 - 1.0, 1.0, weight, weight_low, 0.0, carry)
+        total += value
+    # One carry is left; the products are cut at 2^-31 of themselves, a thousand times.
+    assert total + carry == pytest.approx(1000 * 33_554_431 * weight, rel=2**-30)
+    one, _ = c3x("scaled_count", 33_554_431.0 - 1.0, 1.0, weight, weight_low, 0.0, 0.0)
+    assert abs(1000 * one - total) > 1000 * 33_554_431 * weight * 2**-28
