@@ -1,6 +1,6 @@
 """A virtual TMS320C32 strapdown-navigation board.
 
-``Board`` is the circuit, ``assemble`` and ``disassemble`` the processor's toolchain;
+``Board`` is the circuit, ``Cpu`` the bare processor, ``assemble`` and ``disassemble`` its toolchain;
 :func:`firmware_sim.bench.run` flies a scenario.
 """
 
@@ -11,12 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from firmware_sim.board.board import Board
+    from firmware_sim.c3x.cpu import Cpu
     from firmware_sim.toolchain.assembler import assemble
     from firmware_sim.toolchain.disassembler import disassemble
 
-__all__ = ["Board", "assemble", "disassemble"]
+__all__ = ["Board", "Cpu", "assemble", "disassemble"]
 
-_ROOMS = {"Board": "board.board", "assemble": "toolchain.assembler", "disassemble": "toolchain.disassembler"}
+_ROOMS = {
+    "Board": "board.board",
+    "Cpu": "c3x.cpu",
+    "assemble": "toolchain.assembler",
+    "disassemble": "toolchain.disassembler",
+}
 
 
 def __getattr__(name: str) -> Any:

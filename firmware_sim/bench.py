@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_sim.board.adc import Converter
-from firmware_sim.board.board import Board
+from firmware_sim.board.board import Board, Processor
 from firmware_sim.board.line import Line, NullLine, Pacer
 from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.errors import UsageError
@@ -23,22 +23,21 @@ from firmware_sim.firmware.stopwatch import EXECUTION, JITTER, RESPONSE, times_o
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE
 from firmware_sim.plant.scenario import Scenario
 from firmware_sim.plant.source import Block, Source
-from firmware_sim.report import ErrorRecord, Report
+from firmware_sim.report import ANGLES, ErrorRecord, Report
 
 ENGINES = {"double": DOUBLE, "c3x": C3X}
 DEFAULT_DURATION_S = 60.0
-# Virtual time between looks at line, progress and errors: free-running, and under --rt (so that bytes flow evenly).
-_SLICE_S, _SLICE_REAL_TIME_S = 1.0, 0.01
+# Virtual time between looks at line, progress and errors: free-running, and in step with a clock or a reader.
+_SLICE_S, _SLICE_IN_STEP_S = 1.0, 0.01
 _PROGRESS_S = 0.5
-
-
-class WallLimitError(Exception):
-    """The wall-clock watchdog bit: the run took longer than it was allowed to."""
+_IDLE_S = 0.05
+# Truth is carried over this time from the next row that knows it: 1 m/s^2 over rows a second apart costs 13 mm.
+_TRUTH_REACH_S = 0.025
 
 
 @dataclass(frozen=True)
 class Flight:
-    """What to run. ``duration_s`` None takes the scenario's own, or a minute; ``wall_limit_s`` None waits for ever."""
+    """What to run. ``duration_s`` None takes the scenario's own, or a minute."""
 
     scenario: Scenario
     sheet: BoardSheet
@@ -46,63 +45,72 @@ class Flight:
     duration_s: float | None = None
     seed: int = 0
     real_time_ratio: float | None = None
-    wall_limit_s: float | None = None
 
 
 def run(
     flight: Flight,
-    line: Line | None = None,
+    open_line: Callable[[], Line] = NullLine,
     progress: Callable[[float, float], None] | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Report:
     """Run a flight to its end and report.
 
-    ``line`` takes the UART's bytes and is closed at the end (none: they are dropped). ``progress`` is called with
+    ``open_line`` makes the line that takes the UART's bytes, once all else is known to be right; the run closes it
+    (without one the bytes are dropped). ``progress`` is called with
     virtual seconds done and wanted; ``announce`` with a sentence when something takes its time.
 
-    Raises UsageError for what cannot be run, WallLimitError when ``wall_limit_s`` is over.
+    Raises UsageError for what cannot be run.
     """
-    return _Run(flight, line or NullLine(), progress or _ignore, announce or _ignore).fly()
+    return _NativeRun(flight, open_line, progress or ignore, announce or ignore).fly()
 
 
-def _ignore(*_: Any) -> None:
-    pass
+def ignore(*_: Any) -> None:
+    """For a caller who does not listen."""
 
 
-class _Run:
-    """One flight in progress."""
+class BoardRun:
+    """One flight in progress: plant, board and line. What runs on the processor is a subclass's."""
+
+    processor: Processor
 
     def __init__(
-        self, flight: Flight, line: Line, progress: Callable[[float, float], None], announce: Callable[[str], None]
+        self,
+        flight: Flight,
+        open_line: Callable[[], Line],
+        progress: Callable[[float, float], None],
+        announce: Callable[[str], None],
     ) -> None:
-        self.flight, self.line, self.progress, self.announce = flight, line, progress, announce
+        self.flight, self.progress, self.announce = flight, progress, announce
+        self._open_line = open_line
         self.sheet, self.source = _open(flight)
         self.duration_s = _duration_s(flight, self.source, self.sheet)
         self.converter = Converter(self.sheet.adc)
         self.board = Board(self.sheet)
-        start = _start(self.source, flight.scenario.name)
-        scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
-        self.solver = Solver(ENGINES[flight.engine], scale, start)
-        self.reference = None if flight.engine == "double" else Solver(DOUBLE, scale, start)
-        self.processor = NativeProcessor(self.sheet, self.solver, self._on_step)
-        self.log = _StepLog(self.solver, self.reference, self.source)
-        self.vs_truth, self.vs_double = ErrorRecord(), ErrorRecord()
         self.received = b""
 
     def fly(self) -> Report:
+        """Open the line, fly to the end, close the line."""
+        self.line = self._open_line()
+        try:
+            return self._fly()
+        finally:
+            self.line.close()
+
+    def _fly(self) -> Report:
         self._prepare()
         self.progress(0.0, self.duration_s)
         began_s = time.monotonic()
         ticks = max(1, round(self.duration_s * self.sheet.h1_hz / self.sheet.tick_cycles))
         # To just before the next tick: the last frame has the time to leave.
         end = (ticks + 1) * self.sheet.tick_cycles - 1
-        slice_s = _SLICE_S if self.flight.real_time_ratio is None else _SLICE_REAL_TIME_S
+        in_step = self.flight.real_time_ratio is not None or self.sheet.line.policy == "wait"
+        slice_s = _SLICE_IN_STEP_S if in_step else _SLICE_S
         slice_cycles = max(1, round(slice_s * self.sheet.h1_hz))
         pacer = None if self.flight.real_time_ratio is None else Pacer(self.flight.real_time_ratio)
         shown_s = began_s
         while self.board.now < end:
             self._run_slice(min(end, self.board.now + slice_cycles))
-            self._serve_line(began_s)
+            self._serve_line()
             if pacer:
                 pacer.wait_until(self.board.now / self.sheet.h1_hz, self.line)
             if time.monotonic() - shown_s > _PROGRESS_S:
@@ -118,6 +126,58 @@ class _Run:
         return self._report(flown_s, ticks * self.sheet.tick_cycles / self.sheet.h1_hz)
 
     def _prepare(self) -> None:
+        """Compile before the clock starts."""
+        raise NotImplementedError
+
+    def _report(self, wall_s: float, flown_s: float) -> Report:
+        raise NotImplementedError
+
+    def _run_slice(self, until: int) -> None:
+        while self.board.samples_until <= until and (block := self._next_block()) is not None:
+            self.board.load_samples(self.converter.convert(block.increments, block.height))
+            self._on_block(block)
+        self.board.run(self.processor, until)
+
+    def _on_block(self, block: Block) -> None:
+        """A block of samples was given to the A/D."""
+
+    def _next_block(self) -> Block | None:
+        block = self.source.read(max(1, ceil(self.sheet.adc.rate_hz)))
+        return block if len(block.increments) else None
+
+    def _serve_line(self) -> None:
+        """Give the UART's bytes to the line and the host's to the UART; under ``wait`` virtual time stops here."""
+        self.line.write(self.board.take_output())
+        self.received += self.line.service()
+        self.received = self.received[self.board.receive(self.received) :]
+        while not self.line.ready():
+            self.line.idle(_IDLE_S)
+
+
+class _NativeRun(BoardRun):
+    """A flight of the native firmware, with a double solver beside it."""
+
+    processor: NativeProcessor
+
+    def __init__(
+        self,
+        flight: Flight,
+        open_line: Callable[[], Line],
+        progress: Callable[[float, float], None],
+        announce: Callable[[str], None],
+    ) -> None:
+        if flight.engine not in ENGINES:
+            raise UsageError(f"engine: expected one of {', '.join(ENGINES)}, found {flight.engine!r}")
+        super().__init__(flight, open_line, progress, announce)
+        start = _start(self.source, flight.scenario.name)
+        scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
+        self.solver = Solver(ENGINES[flight.engine], scale, start)
+        self.reference = None if flight.engine == "double" else Solver(DOUBLE, scale, start)
+        self.processor = NativeProcessor(self.sheet, self.solver, self._on_step)
+        self.log = _StepLog(self.solver, self.reference, self.source)
+        self.vs_truth, self.vs_double = ErrorRecord(), ErrorRecord()
+
+    def _prepare(self) -> None:
         """Compile before the clock starts; the first run after an installation says so."""
         if not self.processor.is_compiled:
             self.announce(
@@ -129,31 +189,11 @@ class _Run:
         self.board.run(self.processor, 1)
 
     def _run_slice(self, until: int) -> None:
-        while self.board.samples_until <= until and (block := self._next_block()) is not None:
-            self.board.load_samples(self.converter.convert(block.increments, block.height))
-            self.log.add_truth(block)
-        self.board.run(self.processor, until)
+        super()._run_slice(until)
         self.log.close_slice(self.vs_truth, self.vs_double)
 
-    def _next_block(self) -> Block | None:
-        block = self.source.read(max(1, ceil(self.sheet.adc.rate_hz)))
-        return block if len(block.increments) else None
-
-    def _serve_line(self, began_s: float) -> None:
-        """Give the UART's bytes to the line and the host's to the UART; under ``wait`` virtual time stops here."""
-        self.line.write(self.board.take_output())
-        self.received += self.line.service()
-        self.received = self.received[self.board.receive(self.received) :]
-        limit_s = self.flight.wall_limit_s
-        while True:
-            if limit_s is not None and time.monotonic() - began_s > limit_s:
-                raise WallLimitError(
-                    f"the run took longer than {limit_s:g} s of wall time: {self.board.now / self.sheet.h1_hz:.2f} s"
-                    f" of {self.duration_s:g} s were flown"
-                )
-            if self.line.ready():
-                return
-            self.line.idle(0.05)
+    def _on_block(self, block: Block) -> None:
+        self.log.add_truth(block)
 
     def _on_step(self, number: int, sums: NDArray[np.int64], n1: int, n2: int, height_mm: int, climb_mmps: int) -> None:
         if self.reference:
@@ -163,6 +203,10 @@ class _Run:
     def _report(self, wall_s: float, flown_s: float) -> Report:
         state, sheet = self.processor.state[0], self.sheet
         ledger = self.line.ledger
+        ticks = round(flown_s * sheet.h1_hz / sheet.tick_cycles)
+        first_overrun = None
+        if state["overruns"]:
+            first_overrun = {"nav_cycle": int(state["overrun_service"]), "cycles": int(state["overrun_response"])}
         exceeded = None
         if self.processor.nav_cycles > sheet.budget_cycles:
             exceeded = {"nav_cycle": 1, "cycles": self.processor.nav_cycles}
@@ -173,9 +217,12 @@ class _Run:
             duration_s=flown_s,
             wall_s=wall_s,
             real_time_factor=flown_s / wall_s,
-            nav_cycles=int(state["ticks"]),
+            nav_cycles=int(state["services"]),
+            tick_cycles=sheet.tick_cycles,
             budget_cycles=sheet.budget_cycles,
-            overruns=int(state["overruns"]),
+            # Ticks that were never served came while something else was busy.
+            overruns=int(state["overruns"]) + max(0, ticks - int(state["tick"]) - int(state["in_tick"])),
+            first_overrun=first_overrun,
             exceeded=exceeded,
             timing_is="estimated",
             timing={SERVICES[service]: self._timing(service) for service in (NAV_SERVICE, ADC_SERVICE, UART_SERVICE)},
@@ -225,19 +272,34 @@ class _StepLog:
         vs_truth.add(states[0], self._truth_at(numbers))
         if len(states) == 2:
             vs_double.add(*states)
-        self.truth = [block for block in self.truth if block.first + len(block.increments) > numbers[-1]]
+        # One block back: the next slice may interpolate from it.
+        ended = [block for block in self.truth if block.first + len(block.increments) <= numbers[-1]]
+        self.truth = self.truth[max(0, len(ended) - 1) :]
         self.numbers.clear()
         for rows in self.rows:
             rows.clear()
 
     def _truth_at(self, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Truth at the ends of the samples with these numbers (from 1), NaN where unknown."""
-        found = np.full((len(numbers), 9), np.nan)
-        for block in self.truth:
-            assert block.truth is not None
-            index = numbers - 1 - block.first
-            inside = (index >= 0) & (index < len(block.truth))
-            found[inside] = block.truth[index[inside]]
+        """Truth at the ends of the samples with these numbers (from 1), NaN where unknown.
+
+        A recording may know its truth in some rows only: between two rows it is interpolated, close to one of them.
+        """
+        rows = [
+            np.column_stack([block.first + 1 + np.arange(len(block.increments)), block.truth])
+            for block in self.truth
+            if block.truth is not None
+        ]
+        known = np.concatenate([np.zeros((0, 10)), *rows])
+        known = known[np.isfinite(known).all(axis=1)]
+        if len(known) == 0:
+            return np.full((len(numbers), 9), np.nan)
+        at, values = known[:, 0], known[:, 1:]
+        values[:, ANGLES] = np.unwrap(values[:, ANGLES], axis=0)
+        found = np.column_stack([np.interp(numbers, at, column) for column in values.T])
+        after = np.minimum(np.searchsorted(at, numbers), len(at) - 1)
+        distance = np.minimum(np.abs(at[after] - numbers), np.abs(at[np.maximum(after - 1, 0)] - numbers))
+        outside = (numbers < at[0]) | (numbers > at[-1])
+        found[outside | (distance > _TRUTH_REACH_S / self.source.sample_period_s)] = np.nan
         return found
 
 
@@ -254,14 +316,17 @@ def _states(solver: Solver, rows: list[NDArray[Any]]) -> NDArray[np.float64]:
 
 def _open(flight: Flight) -> tuple[BoardSheet, Source]:
     """The sheet as the scenario needs it, and the opened source."""
-    if flight.engine not in ENGINES:
-        raise UsageError(f"engine: expected one of {', '.join(ENGINES)}, found {flight.engine!r}")
     sheet = flight.sheet
     rate_hz = flight.scenario.native_rate_hz
     if rate_hz is None:
         return sheet, flight.scenario.source(float(1 / sheet.true_rate_hz), flight.seed)
     source = flight.scenario.source(1.0 / rate_hz, flight.seed)
-    return sheet.with_adc(rate_hz=rate_hz, lsb=source.lsb), source
+    try:
+        return sheet.with_adc(rate_hz=rate_hz, lsb=source.lsb), source
+    except UsageError as error:
+        raise UsageError(
+            f"{flight.scenario.name}: its rate of {rate_hz:g} Hz does not fit the board: {error}"
+        ) from None
 
 
 def _duration_s(flight: Flight, source: Source, sheet: BoardSheet) -> float:

@@ -7,7 +7,10 @@ interrupted.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import functools
 import math
+import os
 import signal
 import sys
 import time
@@ -17,6 +20,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
+from firmware_sim import cli_target
 from firmware_sim.errors import UsageError
 
 if TYPE_CHECKING:
@@ -24,47 +28,83 @@ if TYPE_CHECKING:
     from firmware_sim.board.line import Line
 
 FINE, BAD_USAGE, OVER_BUDGET, WALL_LIMIT, INTERRUPTED = 0, 2, 3, 5, 130
+_LARGEST = 1e9  # of a duration [s], and with its inverse of a ratio to real time
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = _parser().parse_args(arguments)
     # SIGINT too: a shell starts what it runs in the background with SIGINT ignored.
-    _interrupts.clear()
+    _ends.clear()
     sys.unraisablehook = _report_unraisable
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _interrupt)
+    for number in _ENDINGS:
+        signal.signal(number, _end)
     try:
         return int(options.command(options))
     except UsageError as error:
         _say(str(error))
         return BAD_USAGE
-    except KeyboardInterrupt:
-        _say("interrupted")
-        return INTERRUPTED
+    except _EndedError as ended:
+        _say(f"the run took longer than {options.max_wall:g} s of wall time" if ended.by_watchdog else "interrupted")
+        return WALL_LIMIT if ended.by_watchdog else INTERRUPTED
 
 
-_interrupts: list[int] = []
+class _EndedError(KeyboardInterrupt):
+    """A signal ends the command: links and temporary files go."""
+
+    def __init__(self, number: int) -> None:
+        self.by_watchdog = number == signal.SIGALRM
 
 
-def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
-    """End the run: links and temporary files go."""
-    _interrupts.append(number)
-    raise KeyboardInterrupt
+_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+_ends: list[_EndedError] = []
+
+
+def _end(number: int, _frame: FrameType | None) -> None:
+    """End the command, once: a second signal must not interrupt the cleaning up."""
+    if not _ends:
+        _ends.append(_EndedError(number))
+        raise _ends[0]
 
 
 def _report_unraisable(lost: sys.UnraisableHookArgs) -> None:
     """LLVM calls back into Python while it compiles, where an interrupt is lost: `_Progress.show` raises it again."""
-    if not issubclass(lost.exc_type, KeyboardInterrupt):
+    if not issubclass(lost.exc_type, _EndedError):
         sys.__unraisablehook__(lost)
 
 
 def _say(sentence: str) -> None:
-    print(f"firmware-sim: {sentence}", file=sys.stderr, flush=True)
+    # Nobody may be listening any more; the status still tells.
+    with contextlib.suppress(OSError):
+        print(f"firmware-sim: {sentence}", file=sys.stderr, flush=True)
+
+
+def _show(text: str) -> None:
+    """Print a result. A reader that went away is no error; a standard output that cannot be written is one."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        _forget_output()
+    except OSError as error:
+        _forget_output()
+        raise UsageError(f"standard output: expected to be writable, found: {error.strerror}") from None
+
+
+def _forget_output() -> None:
+    """What is still buffered would fail again when Python ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class _Parser(argparse.ArgumentParser):
+    """A wrong command line is one sentence, as every other mistake."""
+
+    def error(self, message: str) -> NoReturn:
+        _say(f"{message} (see {self.prog} --help)")
+        sys.exit(BAD_USAGE)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="firmware-sim", description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = _Parser(prog="firmware-sim", description="A virtual TMS320C32 strapdown-navigation board.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     run = commands.add_parser(
         "run", help="fly a scenario on the virtual board", description="Fly a scenario on the virtual board."
@@ -74,16 +114,23 @@ def _parser() -> argparse.ArgumentParser:
         "scenario", help="a built-in name (static, sway, moored, turn, transit), a .toml, .npz or .csv file"
     )
     run.add_argument("--board", metavar="FILE.toml", help="board file (docs/board.md); without it the default board")
-    run.add_argument("--engine", default="c3x", metavar="double|c3x", help="arithmetic of the solver (default: c3x)")
+    run.add_argument(
+        "--engine",
+        default="c3x",
+        metavar="double|c3x|iss",
+        help="arithmetic of the solver (default: c3x); iss runs machine code",
+    )
+    cli_target.add_run_options(run)
     run.add_argument("--duration", type=_positive, metavar="S", help="virtual seconds (default: the scenario's, or 60)")
     run.add_argument("--seed", type=_seed, default=0, metavar="N", help="seed of the sensor errors (default: 0)")
     output = run.add_mutually_exclusive_group()
     output.add_argument("--pty", metavar="LINK", help="make a serial line and link its terminal to this path")
     output.add_argument("--raw", metavar="FILE", help="write the exact bytes of the line to a file")
-    run.add_argument("--rt", type=_positive, metavar="RATIO", help="tie virtual time to the wall clock; 1 is real time")
+    run.add_argument("--rt", type=_ratio, metavar="RATIO", help="tie virtual time to the wall clock; 1 is real time")
     run.add_argument("--line", choices=("hold", "drop", "wait"), help="what becomes of bytes that nobody reads")
     run.add_argument("--report", metavar="FILE.json", help="write the report of the run")
     run.add_argument("--max-wall", type=_positive, metavar="S", help="give up (status 5) after so many real seconds")
+    cli_target.add_commands(commands)
     return parser
 
 
@@ -92,8 +139,15 @@ def _positive(text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"expected a number above 0, found {text!r}")
+    if not 0 < value <= _LARGEST:
+        raise argparse.ArgumentTypeError(f"expected a number above 0 and at most {_LARGEST:g}, found {text!r}")
+    return value
+
+
+def _ratio(text: str) -> float:
+    value = _positive(text)
+    if value < 1.0 / _LARGEST:
+        raise argparse.ArgumentTypeError(f"expected a number of at least {1.0 / _LARGEST:g}, found {text!r}")
     return value
 
 
@@ -104,25 +158,20 @@ def _seed(text: str) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    # Imported here: `firmware-sim --help` need not wait for numba.
-    from firmware_sim import bench
-
+    signal.setitimer(signal.ITIMER_REAL, options.max_wall or 0.0)
     flight = _flight(options)
-    report_path = None if options.report is None else _writable(Path(options.report))
-    line = _open_line(options, flight)
+    fly = cli_target.bench_of(options)
+    outputs = _check_outputs(options)
     progress = _Progress()
     try:
-        report = bench.run(flight, line, progress.show, _say)
-        progress.clear()
-    except bench.WallLimitError as error:
-        progress.clear()
-        _say(str(error))
-        return WALL_LIMIT
+        open_line = functools.partial(_open_line, options, flight)
+        report = fly(flight, open_line=open_line, progress=progress.show, announce=_say)
     finally:
-        line.close()
-    if report_path is not None:
-        report.write(report_path)
-    print(report.table())
+        progress.clear()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    if "report" in outputs:
+        report.write(outputs["report"])
+    _show(report.table())
     if not report.within_budget:
         _say(report.budget_sentence)
         return OVER_BUDGET
@@ -144,27 +193,50 @@ def _flight(options: argparse.Namespace) -> Flight:
         duration_s=options.duration,
         seed=options.seed,
         real_time_ratio=options.rt,
-        wall_limit_s=options.max_wall,
     )
 
 
 def _open_line(options: argparse.Namespace, flight: Flight) -> Line:
     from firmware_sim.board.line import FileLine, NullLine, PtyLine
 
-    if options.raw:
+    if options.raw is not None:
         return FileLine(Path(options.raw))
-    if not options.pty:
+    if options.pty is None:
         return NullLine()
     line = PtyLine(Path(options.pty), flight.sheet.line.policy)
     _say(f"serial line at {options.pty} ({line.device}), {flight.sheet.uart.baud} baud 8N1")
     return line
 
 
-def _writable(path: Path) -> Path:
-    """Find out before the flight that its report has a place."""
-    if path.is_dir() or not path.parent.is_dir():
-        raise UsageError(f"{path}: expected the path of a file in an existing folder for the report")
-    return path
+def _check_outputs(options: argparse.Namespace) -> dict[str, Path]:
+    """The files that the run will write. Raises UsageError for one that it cannot, or that would destroy another."""
+    given = {name: getattr(options, name) for name in ("raw", "report")}
+    outputs = {name: Path(text) for name, text in given.items() if text is not None}
+    inputs = [Path(text) for text in (options.scenario, options.board, options.image) if text]
+    for name, path in outputs.items():
+        others = [*inputs, *(other for key, other in outputs.items() if key != name)]
+        if any(path.resolve() == other.resolve() for other in others):
+            raise UsageError(f"--{name} {path}: expected a file of its own, found one that this run also uses")
+    if "report" in outputs:
+        _check_place(outputs["report"])
+    if "raw" in outputs:
+        _check_raw(outputs["raw"])
+    return outputs
+
+
+def _check_place(path: Path) -> None:
+    target = path if path.exists() else path.parent
+    if path.is_dir() or not target.exists() or not os.access(target, os.W_OK):
+        raise UsageError(f"{path}: expected the path of a file that can be written for the report")
+
+
+def _check_raw(path: Path) -> None:
+    """Only raw bytes of an earlier run are replaced: anything else may be somebody's work."""
+    if path.is_file() and path.stat().st_size > 0:
+        with path.open("rb") as file:
+            found = file.read(2)
+        if found != b"\xeb\x90":
+            raise UsageError(f"{path}: expected a new file or the raw bytes of an earlier run, found something else")
 
 
 class _Progress:
@@ -177,8 +249,8 @@ class _Progress:
         self._shown_s = time.monotonic()
 
     def show(self, done_s: float, wanted_s: float) -> None:
-        if _interrupts:
-            raise KeyboardInterrupt
+        if _ends:
+            raise _ends[0]
         text = f"{done_s:.0f} of {wanted_s:.0f} s flown ({done_s / wanted_s:.0%})"
         if self._terminal:
             print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)

@@ -41,11 +41,7 @@ class VirtualBoard:
         from firmware_sim.plant.scenario import load_scenario
 
         flight = bench.Flight(load_scenario(scenario), load_sheet(board), engine, duration_s, seed)
-        line = FileLine(self.raw)
-        try:
-            return bench.run(flight, line)
-        finally:
-            line.close()
+        return bench.run(flight, lambda: FileLine(self.raw))
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ PATIENCE_S = 200
 
 @pytest.fixture(autouse=True)
 def _own_signal_handlers():
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
     hook = sys.unraisablehook
     yield
     sys.unraisablehook = hook
@@ -43,17 +43,25 @@ def status_and_sentence(capsys, *arguments):
         (["run", "missing.toml"], "missing.toml"),
         (["run", "missing.npz"], "missing.npz"),
         (["run", "missing.csv"], "missing.csv"),
-        (["run", "sway", "--engine", "iss"], "expected one of double, c3x, found 'iss'"),
+        (["run", "sway", "--engine", "isa"], "expected one of double, c3x, found 'isa'"),
+        (["run", "sway", "--engine", "iss"], "expected --image IMAGE.out, found none"),
         (["run", "sway", "--board", "missing.toml"], "missing.toml: expected a readable board file"),
-        (["run", "sway", "--duration", "-1"], "expected a number above 0, found '-1'"),
-        (["run", "sway", "--duration", "nan"], "expected a number above 0, found 'nan'"),
-        (["run", "sway", "--duration", "soon"], "expected a number above 0, found 'soon'"),
+        (["run", "sway", "--duration", "-1"], "expected a number above 0 and at most 1e+09, found '-1'"),
+        (["run", "sway", "--duration", "nan"], "expected a number above 0 and at most 1e+09, found 'nan'"),
+        (["run", "sway", "--duration", "soon"], "expected a number above 0 and at most 1e+09, found 'soon'"),
+        (["run", "sway", "--duration", "1e308"], "at most 1e+09"),
+        (["run", "sway", "--rt", "1e-300"], "expected a number of at least 1e-09"),
+        (["run", "sway", "--raw", ""], "expected a file"),
+        (["run", "sway", "--pty", ""], "expected"),
         (["run", "sway", "--seed", "-3"], "expected a whole number, 0 or above, found '-3'"),
-        (["run", "sway", "--rt", "0"], "expected a number above 0, found '0'"),
+        (["run", "sway", "--rt", "0"], "expected a number above 0 and at most 1e+09, found '0'"),
         (["run", "sway", "--line", "lose"], "invalid choice: 'lose'"),
         (["run", "sway", "--pty", "a", "--raw", "b"], "not allowed with argument"),
         (["run", "sway", "--raw", "missing/line.raw"], "missing/line.raw"),
-        (["run", "sway", "--report", "missing/report.json"], "missing/report.json: expected the path of a file"),
+        (
+            ["run", "sway", "--report", "missing/report.json"],
+            "missing/report.json: expected the path of a file that can be written",
+        ),
         (["run"], "scenario"),
         ([], "COMMAND"),
         (["fly"], "invalid choice: 'fly'"),
@@ -105,6 +113,40 @@ def test_an_exceeded_budget_is_status_3_and_says_by_how_much(capsys, tmp_path):
     assert status == 3
     assert "in navigation cycle 1" in said
     assert "over the budget of 1000" in said
+
+
+def test_an_output_never_replaces_an_input_or_another_output(capsys, tmp_path):
+    mine = tmp_path / "mine.toml"
+    mine.write_text("[motion]\nspeed_mps = 5\n")
+    both = tmp_path / "both"
+    for arguments in (["--raw", mine], ["--report", mine], ["--raw", both, "--report", both]):
+        status, said = status_and_sentence(capsys, "run", mine, *SHORT, *arguments)
+        assert status == 2
+        assert "expected a file of its own" in said
+    assert "speed_mps" in mine.read_text()
+    assert not both.exists()
+
+
+def test_raw_replaces_raw_bytes_only_and_only_when_the_run_begins(capsys, tmp_path):
+    raw, notes = tmp_path / "line.raw", tmp_path / "notes.txt"
+    notes.write_text("my work")
+    status, said = status_and_sentence(capsys, "run", "static", *SHORT, "--raw", notes)
+    assert status == 2
+    assert "found something else" in said
+    assert notes.read_text() == "my work"
+    assert cli.main(["run", "static", *SHORT, "--raw", str(raw)]) == 0
+    before = raw.read_bytes()
+    status, _ = status_and_sentence(capsys, "run", "static", "--engine", "vax", "--raw", raw)
+    assert status == 2
+    assert raw.read_bytes() == before
+
+
+@pytest.mark.parametrize(("redirection", "status"), [(">/dev/full", 2), ("| true", 0)])
+def test_an_output_that_is_full_or_gone_is_no_traceback(redirection, status):
+    command = f"{sys.executable} -m firmware_sim.cli run static {' '.join(SHORT)} {redirection}"
+    ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert ended.returncode == status
+    assert "Traceback" not in ended.stderr
 
 
 def test_a_full_disk_ends_with_one_sentence(capsys):

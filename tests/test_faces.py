@@ -15,6 +15,16 @@ def test_the_faces_are_there():
     assert firmware_sim.disassemble(0x08600005) == "LDI 5,R0"
 
 
+def test_an_assembled_program_runs_on_the_bare_processor():
+    cpu = firmware_sim.Cpu()
+    cpu.load(firmware_sim.assemble("        .text\n        LDI 5,R0\n        ADDI 2,R0\nloop:   BR loop\n"))
+    cpu.pc = 0
+    cpu.step()
+    cpu.step()
+    assert cpu.r[0] & 0xFFFFFFFF == 7
+    assert cpu.pc == 2
+
+
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'Bord'"):
         _ = firmware_sim.Bord

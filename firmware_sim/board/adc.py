@@ -46,6 +46,7 @@ ADC = np.dtype(
         ("number", "i8"),  # of the last sample that was made
         ("used", "i8"),  # samples taken out of the block
         ("loaded", "i8"),  # samples in the block
+        ("read", "i8"),  # samples whose last channel was read before the next came
         ("status", "i8"),
         ("latch", "i8", (CHANNELS,)),
         ("height_mm", "i8"),
@@ -118,6 +119,7 @@ def adc_read(state: NDArray[np.void], offset: int) -> int:
     if offset < FIRST_CHANNEL or offset > LAST_CHANNEL:
         return 0
     if offset == LAST_CHANNEL:
+        state[0].read += state[0].status & END_OF_CONVERSION
         state[0].status &= ~END_OF_CONVERSION
     return state[0].latch[offset - FIRST_CHANNEL]
 
@@ -135,7 +137,7 @@ def _quantise(
     lsb: NDArray[np.float64],
     residue: NDArray[np.float64],
     integrating: bool,
-    full_scale: int,
+    full_scale: NDArray[np.float64],
     out: NDArray[np.void],
 ) -> None:
     """Fill the counts and status of ``out``; ``residue`` (counts) carries over when the converter integrates."""
@@ -149,9 +151,10 @@ def _quantise(
                 value += residue[channel]
             count = np.floor(value + 0.5)
             residue[channel] = value - count
-            if count < -full_scale or count > full_scale - 1:
+            limit = full_scale[channel]
+            if count < -limit or count > limit - 1:
                 out[row].status |= SATURATED
-                count = min(max(count, -full_scale), full_scale - 1)
+                count = min(max(count, -limit), limit - 1)
             out[row].counts[channel] = int(count)
 
 
@@ -160,7 +163,8 @@ class Converter:
 
     An *integrating* (sigma-delta) converter loses nothing: the part of a count that a sample could not show
     goes into the next one, so the sum of counts is the rounded sum of increments (a count that saturates
-    loses what lies beyond full scale). A *sampling* converter rounds each sample alone.
+    loses what lies beyond full scale). A *sampling* converter rounds each sample alone; it too counts the mean
+    over the sample period, not the value at an instant.
     """
 
     def __init__(self, sheet: AdcSheet) -> None:
@@ -169,7 +173,7 @@ class Converter:
         self._lsb = np.array([sheet.gyro_lsb_rad] * 3 + [sheet.acc_lsb_mps] * 3)
         self._residue = np.zeros(CHANNELS)
         self._integrating = sheet.kind == "integrating"
-        self._full_scale = 1 << (sheet.bits - 1)
+        self._full_scale = np.array([float(sheet.gyro_full_scale)] * 3 + [float(sheet.acc_full_scale)] * 3)
 
     def convert(self, increments: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np.void]:
         """The samples of a block.

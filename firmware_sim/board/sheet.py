@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -17,6 +16,7 @@ from typing import Any, NamedTuple
 
 from firmware_sim.board.clock import Oscillator, cycles_of, exact
 from firmware_sim.errors import UsageError
+from firmware_sim.toml_file import in_words, read_toml
 
 STANDARD_GRAVITY_MPS2 = 9.80665
 MIN_TICK_CYCLES = 20_000
@@ -24,6 +24,8 @@ MIN_TICK_CYCLES = 20_000
 
 _MAX_BAUD_ERROR = Fraction(2, 100)
 _WORD_MAX = 2**31
+_MAX_BITS = 30
+"""Three samples of 2^29, the fewest that a tick must have room for, stay below 2^31; those of 31 bits do not."""
 
 
 class Key(NamedTuple):
@@ -60,13 +62,20 @@ class TickSheet:
 class AdcSheet:
     """[adc], and the weight of one count.
 
+    Neither kind samples at an instant: a count is the mean over the sample period, as an increment. *integrating*
+    (sigma-delta) carries what a count could not show into the next one, *sampling* rounds each alone.
     ``lsb_override`` (gyro [rad], accelerometer [m/s]) is no key of the file: a recording of counts brings it.
     """
 
     rate_hz: float = _key(1000.0, (1.0, 100_000.0), "Hz", "nominal samples per second")
     offset_ppm: float = _key(0.0, (-10_000.0, 10_000.0), "ppm", "how much faster than nominal the A/D oscillator runs")
-    kind: str = _key("integrating", ("integrating", "sampling"), "", "sigma-delta, or sample and hold")
-    bits: int = _key(24, (8, 32), "bit", "resolution, sign included")
+    kind: str = _key(
+        "integrating",
+        ("integrating", "sampling"),
+        "",
+        "the mean of a sample period: rest carried over, or rounded alone",
+    )
+    bits: int = _key(24, (8, _MAX_BITS), "bit", "resolution, sign included")
     gyro_range_degps: float = _key(200.0, (0.001, 100_000.0), "deg/s", "full scale of the gyros, plus and minus")
     acc_range_g: float = _key(5.0, (0.001, 100_000.0), "9.80665 m/s2", "full scale of the accelerometers")
     conversion_s: float = _key(10e-6, (0.0, 1.0), "s", "from the sampling instant to the end of conversion")
@@ -90,6 +99,19 @@ class AdcSheet:
         if self.lsb_override:
             return self.lsb_override[1]
         return self.acc_range_g * STANDARD_GRAVITY_MPS2 / 2 ** (self.bits - 1) / self.rate_hz
+
+    @property
+    def gyro_full_scale(self) -> int:
+        """Counts at which a gyro saturates: its range, in ``bits`` at most."""
+        return self._full_scale(math.radians(self.gyro_range_degps), self.gyro_lsb_rad)
+
+    @property
+    def acc_full_scale(self) -> int:
+        """Counts at which an accelerometer saturates: its range, in ``bits`` at most."""
+        return self._full_scale(self.acc_range_g * STANDARD_GRAVITY_MPS2, self.acc_lsb_mps)
+
+    def _full_scale(self, full_range: float, lsb: float) -> int:
+        return math.ceil(min(2 ** (self.bits - 1), full_range / self.rate_hz / lsb))
 
 
 @dataclass(frozen=True)
@@ -190,9 +212,16 @@ class BoardSheet:
     def with_adc(self, *, rate_hz: float, lsb: tuple[float, float] | None = None) -> BoardSheet:
         """The same board with the A/D of a recording: its rate [Hz] and, for counts, the weights [rad, m/s] of one.
 
+        A recording's samples have no oscillator of their own, so the offset is zero. Counts were made elsewhere:
+        they pass at the widest resolution that the sums have room for. The ranges hold for every recording.
+
         Raises UsageError when such samples do not fit the tick.
         """
-        return dataclasses.replace(self, adc=dataclasses.replace(self.adc, rate_hz=rate_hz, lsb_override=lsb))
+        adc = dataclasses.replace(self.adc, rate_hz=rate_hz, offset_ppm=0.0, lsb_override=lsb)
+        if lsb is not None:
+            samples = math.ceil(exact(self.tick.period_s) * exact(rate_hz)) + 1
+            adc = dataclasses.replace(adc, bits=min(_MAX_BITS, (_WORD_MAX // samples).bit_length()))
+        return dataclasses.replace(self, adc=adc)
 
 
 _SECTIONS: dict[str, Any] = {
@@ -224,12 +253,7 @@ def load_sheet(path: Path | str | None = None) -> BoardSheet:
     if path is None:
         return BoardSheet()
     source = str(path)
-    try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{source}: expected a readable board file, found: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"{source}: expected TOML, found: {error}") from None
+    table = read_toml(path, "board file")
     sections = {name: _section(source, name, entries) for name, entries in table.items()}
     return BoardSheet(**sections, source=source)
 
@@ -238,7 +262,7 @@ def _section(source: str, name: str, entries: Any) -> Any:
     if name not in _SECTIONS:
         raise UsageError(f"{source}: expected the sections {', '.join(_SECTIONS)}, found [{name}]")
     if not isinstance(entries, dict):
-        raise UsageError(f"{source}: expected a section [{name}], found {name} = {entries!r}")
+        raise UsageError(f"{source}: expected a section [{name}], found {name} = {in_words(entries)}")
     names = [key.name for key in KEYS if key.section == name]
     for entry in entries:
         if entry not in names:
@@ -260,7 +284,7 @@ def _complaint(key: Key, value: Any) -> str:
             isinstance(value, int if whole else (int, float)) and not isinstance(value, bool) and low <= value <= high
         )
         expected = f"{'an integer' if whole else 'a number'} from {low} to {high} {key.unit}"
-    return "" if fits else f"[{key.section}] {key.name}: expected {expected}, found {value!r}"
+    return "" if fits else f"[{key.section}] {key.name}: expected {expected}, found {in_words(value)}"
 
 
 def _check_clock(sheet: BoardSheet) -> str:

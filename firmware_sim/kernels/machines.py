@@ -96,7 +96,8 @@ class _Double(Machine):
         return np.array(array)
 
     def words(self, array: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        return C3X.words(floats.from_float64_array(array))
+        # What is no number has no word on the C3x: it shows as the largest there is.
+        return C3X.words(floats.from_float64_array(np.nan_to_num(array, nan=np.inf)))
 
     def holds(self, value: float) -> bool:
         return True

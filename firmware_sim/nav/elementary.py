@@ -234,6 +234,9 @@ def _arctangent_octant(a_high: float, a_low: float, b_high: float, b_low: float)
     and arctan(a/b) = arctan t + arctan(v/u). Products of a word with t are exact (24 + 4 bits).
     """
     k = int(8.0 * a_high * reciprocal(b_high) + 0.5)
+    # In range for every pair of numbers; a solution that has broken down must not leave the table.
+    if k < 0 or k > 8:
+        k = 0
     t = 0.125 * float(k)
     v_high = (a_high - b_high * t) + (a_low - b_low * t)
     v_low = ((a_high - b_high * t) - v_high) + (a_low - b_low * t)

@@ -35,6 +35,7 @@ _ACC_UNITS = {"mps2": (1.0, True), "g": (STANDARD_GRAVITY_MPS2, True), "mps": (1
 _SENSORS = {"gyro": _GYRO_UNITS, "acc": _ACC_UNITS}
 _SETTING = re.compile(r"#\s*(\w+)\s*=\s*(.*?)\s*$")
 _RATE_KEY = "rate_hz"
+_SETTING_NAMES = {*INITIAL_NAMES, _RATE_KEY}
 _STEP_TOLERANCE = 0.25  # of a sample period: time stamps of few digits jitter by that much at most
 _ROUNDING = 1e-9  # of a rate: what float arithmetic leaves of a whole number of hertz
 
@@ -207,14 +208,14 @@ def _is_number(field: str) -> bool:
 
 
 def _read_header(path: Path, stream: TextIO) -> _Header:
-    """Read comment lines, of which ``# key = value`` are settings, and the line of column names."""
+    """Read comment lines, of which ``# key = value`` with a key we know are settings, and the line of column names."""
     settings: dict[str, float] = {}
     for number, line in enumerate(stream, start=1):
         if not line.strip():
             continue
         if not line.startswith("#"):
             return _Header(path, settings, _column_names(path, number, line), number)
-        if match := _SETTING.match(line):
+        if (match := _SETTING.match(line)) and match[1] in _SETTING_NAMES:
             settings[match[1]] = _setting(match[1], match[2], f"{path}:{number}")
     raise UsageError(f"{path}: expected a line with the names of the columns, found none")
 
@@ -225,7 +226,7 @@ def _setting(name: str, text: str, where: str) -> float:
     except ValueError:
         raise UsageError(f"{where}: {name}: expected a number, found {text!r}") from None
     if name != _RATE_KEY:
-        key = find_key("initial", name, f"{where} (or {_RATE_KEY})")
+        key = find_key("initial", name, where)
         return to_si(key, float(key.checked(value, f"{where}: {name}")))
     if not 1e-3 <= value <= 1e6:
         raise UsageError(f"{where}: {name}: expected a number from 0.001 to 1e6 Hz, found {value}")

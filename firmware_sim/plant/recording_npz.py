@@ -25,17 +25,17 @@ from firmware_sim.plant.source import Floats
 
 _CHUNK_BYTES = 1 << 20
 _TRUTH_COLUMNS = ("t", *STATE)
+# Firmware adds counts into 32-bit sums, and the shortest tick has two samples and room for a third: 3 x 2^29 < 2^31.
+_COUNT_BITS = 30
 _PLACE_KEYS = {"lat_deg": "lat_deg", "lon_deg": "lon_deg", "h": "height_m"}  # in the archive, in a scenario
-# What zipfile, its decompressors and NumPy's header parser raise for damaged bytes.
+# What zipfile, its decompressors and NumPy's header parser raise for damaged bytes, in words for programmers.
 _DAMAGE = (
-    zipfile.BadZipFile,
     zlib.error,
     lzma.LZMAError,
     struct.error,
     EOFError,
     ValueError,
     TypeError,
-    RuntimeError,
     SyntaxError,
     TokenError,
     ArithmeticError,
@@ -105,6 +105,8 @@ def open_npz(path: Path) -> Recording:
     samples = 0
     for rows in data.chunks():
         _check_rows(data, rows, samples, CHANNELS)
+        if lsb is not None:
+            _check_counts(data, rows, samples)
         samples += len(rows)
     return Recording(
         path=path,
@@ -184,6 +186,18 @@ def _check_rows(array: _Array, rows: NDArray[Any], first: int, names: tuple[str,
     check_finite(rows, names, lambda row: f"{array.where}: {unit} {first + row}")
 
 
+def _check_counts(array: _Array, rows: NDArray[Any], first: int) -> None:
+    """Complain of the first count that is wider than any converter's; ``first`` is the number of the first sample."""
+    limit = 2 ** (_COUNT_BITS - 1)
+    beyond = np.argwhere((rows < -limit) | (rows >= limit))
+    if len(beyond):
+        row, channel = beyond[0]
+        raise UsageError(
+            f"{array.where}: sample {first + row}, {CHANNELS[channel]}: expected a count of at most"
+            f" {_COUNT_BITS} bits (-2^{_COUNT_BITS - 1} to 2^{_COUNT_BITS - 1} - 1), found {rows[row, channel]}"
+        )
+
+
 def _check_latitudes(array: _Array, states: NDArray[Any], first: int) -> None:
     """Complain of the first latitude beyond a pole: most likely one in degrees."""
     beyond = np.flatnonzero(np.abs(states[:, 0]) > pi / 2)
@@ -206,8 +220,10 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
             yield archive
     except OSError as error:
         raise UsageError(f"{path}: expected a readable .npz archive, found: {error.strerror or error}") from None
-    except _DAMAGE as error:
+    except (zipfile.BadZipFile, RuntimeError) as error:  # in words: no archive, encrypted, packed in an unknown way
         raise UsageError(f"{path}: expected a readable .npz archive, found: {error}") from None
+    except _DAMAGE:
+        raise UsageError(f"{path}: expected a readable .npz archive, found damaged data") from None
 
 
 def _arrays(path: Path) -> dict[str, _Array]:
@@ -237,4 +253,4 @@ def _read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any
         return np.lib.format.read_array_header_1_0(stream)
     if version == (2, 0):
         return np.lib.format.read_array_header_2_0(stream)
-    raise ValueError(f"an array of format {version}")
+    raise NotImplementedError(f"an array of format {version}")

@@ -113,7 +113,7 @@ def _from_file(path: Path) -> Scenario:
             raise UsageError(f"{path}: [{table}]: expected nothing but [initial] beside [recording], found this table")
     file = path.parent / str(values.get("recording", "file"))
     if file.suffix not in _OPENERS:
-        raise UsageError(f"{path}: [recording] file: expected a .npz or .csv file, found {file.name!r}")
+        raise UsageError(f"{path}: [recording] file: expected a .npz or .csv file, found {str(file)!r}")
     recording = _OPENERS[file.suffix](file)
     known = [values.si_or_none("initial", name) for name in INITIAL_NAMES]
     first = recording.start_sample(values.si("recording", "start_s"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, pi
@@ -10,8 +10,10 @@ from pathlib import Path
 
 from firmware_sim.errors import UsageError
 from firmware_sim.plant.earth import STANDARD_GRAVITY_MPS2
+from firmware_sim.toml_file import in_words, read_toml
 
 _DEG = pi / 180.0
+_LARGEST = sys.float_info.max  # TOML knows longer integers
 _TO_SI = {
     "": 1.0,
     "s": 1.0,
@@ -58,7 +60,7 @@ class Key:
         return f"a number from {self.low:g} to {self.high:g} {self.unit}".rstrip()
 
     def _contains(self, number: float) -> bool:
-        return self.low <= number <= self.high and abs(number) < inf
+        return self.low <= number <= self.high and abs(number) <= _LARGEST
 
     def checked(self, value: object, where: str) -> Value:
         """Return ``value`` if it is what this key expects, numbers as float; ``where`` begins the complaint."""
@@ -66,11 +68,11 @@ class Key:
             if isinstance(value, bool):
                 return value
         elif isinstance(self.default, str):
-            if isinstance(value, str) and value:
+            if isinstance(value, str) and value and "\0" not in value:
                 return value
         elif isinstance(value, int | float) and not isinstance(value, bool) and self._contains(value):
             return float(value)
-        raise UsageError(f"{where}: expected {self.expected}, found {value!r}")
+        raise UsageError(f"{where}: expected {self.expected}, found {in_words(value)}")
 
 
 def _position(table: str, lat: float | None, lon: float | None, height: float | None) -> tuple[Key, Key, Key]:
@@ -167,15 +169,7 @@ class Values:
 
 def read_values(path: Path) -> Values:
     """Read and check a scenario file; raise ``UsageError`` for whatever is wrong with it."""
-    try:
-        text = path.read_bytes().decode()
-        document = tomllib.loads(text)
-    except OSError as error:
-        raise UsageError(f"{path}: expected a scenario file, found: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"{path}: expected a TOML text in UTF-8, found other bytes") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise UsageError(f"{path}: expected a TOML text, found: {error}") from None
+    document = read_toml(path, "scenario file")
     values = Values(_flattened(document, str(path)), frozenset(document) & frozenset(TABLES))
     for key in KEYS:
         if key.required and values.has_table(key.table) and not values.get(key.table, key.name):
@@ -193,7 +187,7 @@ def _flattened(document: Mapping[str, object], path: str) -> dict[tuple[str, str
                 key = find_key(name, inner, f"{path}: [{name}]")
                 given[name, inner] = key.checked(value, f"{path}: [{name}] {inner}")
         else:
-            raise UsageError(f"{path}: {name}: expected a table, [{name}], found {content!r}")
+            raise UsageError(f"{path}: {name}: expected a table, [{name}], found {in_words(content)}")
     return given
 
 

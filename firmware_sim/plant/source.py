@@ -18,7 +18,7 @@ class Initial:
 
     Latitude and longitude are geodetic (WGS-84), the velocity is east, north, up. Attitude: C_tb =
     Rz(azimuth) Rx(pitch) Ry(roll), with the azimuth counter-clockwise from north. A recording that
-    does not know its attitude leaves the three angles NaN: it has to be found by alignment.
+    does not know its attitude leaves the three angles NaN.
     """
 
     lat_rad: float
@@ -31,7 +31,7 @@ class Initial:
 
     @property
     def attitude_is_known(self) -> bool:
-        """False for a recording that has to be aligned first."""
+        """False for a recording that does not say it."""
         return not np.isnan(self.pitch_rad + self.roll_rad + self.azimuth_rad)
 
 

@@ -23,6 +23,7 @@ from firmware_sim.firmware.solver import Solver, Start
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, build
 from firmware_sim.plant.scenario import load_scenario
 from host.frames import Decoder
+from tests.benchmarks.interpreter_loops import GOALS, instructions_per_s
 from tests.benchmarks.solver_loop import SAMPLES, fly_a_second
 
 REPEATS = 5
@@ -46,6 +47,7 @@ def main() -> None:
     whole_run()
     warm_start()
     decoder()
+    interpreter()
     arithmetic()
     recording()
 
@@ -85,8 +87,8 @@ def whole_run() -> None:
     with tempfile.TemporaryDirectory() as folder:
 
         def fly(engine: str) -> None:
-            line = FileLine(Path(folder) / "line.raw")
-            run(Flight(load_scenario("sway"), BoardSheet(), engine, 600.0), line)
+            flight = Flight(load_scenario("sway"), BoardSheet(), engine, 600.0)
+            run(flight, lambda: FileLine(Path(folder) / "line.raw"))
 
         for engine, goal in (("c3x", "100 x real time"), ("double", "-")):
             seconds = median_s(lambda engine=engine: fly(engine))
@@ -104,12 +106,19 @@ def decoder() -> None:
     """Frames a second through the host's decoder."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "line.raw"
-        report = run(Flight(load_scenario("static"), BoardSheet(), "double", 600.0), FileLine(path))
+        report = run(Flight(load_scenario("static"), BoardSheet(), "double", 600.0), lambda: FileLine(path))
         data = path.read_bytes()
     frames = len(Decoder().feed(data))
     seconds = median_s(lambda: Decoder().feed(data))
     assert frames >= report["nav_cycles"]
     show("host: frames decoded", f"{frames / seconds / 1e3:.0f} k frames/s", "500 k frames/s")
+
+
+def interpreter() -> None:
+    """Instructions a second of the bare processor."""
+    for name, goal in GOALS.items():
+        plain, stalled = (instructions_per_s(name, has_pipeline=on) / 1e6 for on in (False, True))
+        show(f"iss: {name} loop", f"{plain:.0f} M/s, pipeline {stalled:.0f}", f"{goal} M instructions/s")
 
 
 def arithmetic() -> None:

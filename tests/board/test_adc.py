@@ -136,8 +136,9 @@ def test_sample_number_wraps_as_a_signed_word() -> None:
 
 
 def unit_sheet(kind: str = "integrating", bits: int = 24) -> AdcSheet:
-    """One count is one radian or metre a second, so increments read as counts."""
-    return AdcSheet(kind=kind, bits=bits, lsb_override=(1.0, 1.0))
+    """One count is one radian or metre a second, so increments read as counts; only the bits limit them."""
+    unlimited = np.inf
+    return AdcSheet(kind=kind, bits=bits, lsb_override=(1.0, 1.0), gyro_range_degps=unlimited, acc_range_g=unlimited)
 
 
 def convert(sheet: AdcSheet, increments, height=None):
@@ -211,7 +212,31 @@ def test_height_is_in_millimetres_and_checked() -> None:
 
 def test_recorded_counts_pass_unchanged() -> None:
     lsb = (np.radians(0.1 / 3600), 125e-6 * 9.780327)
-    pulses = np.random.default_rng(3).integers(-30_000, 30_000, size=(1000, 6))
+    # 5 g are 401 counts at 100 Hz.
+    pulses = np.random.default_rng(3).integers(-400, 401, size=(1000, 6))
+    pulses[:, :3] *= 100
     sheet = BoardSheet().with_adc(rate_hz=100.0, lsb=lsb)
     samples = convert(sheet.adc, pulses * np.array([lsb[0]] * 3 + [lsb[1]] * 3))
     assert np.array_equal(samples["counts"], pulses)
+
+
+@pytest.mark.parametrize("count", [403, 2**24, 2**29 - 1])
+def test_recorded_counts_saturate_at_the_ranges_of_the_board(count: int) -> None:
+    lsb = (np.radians(0.1 / 3600), 125e-6 * 9.780327)
+    sheet = BoardSheet().with_adc(rate_hz=100.0, lsb=lsb)
+    samples = convert(sheet.adc, np.outer([count, -count], [0, 0, 0, 0, 0, lsb[1]]))
+    assert samples["status"].tolist() == [SATURATED, SATURATED]
+    # 5 g over 10 ms are 401.1 counts of 125 ug x 9.780327 x 1 s.
+    assert samples["counts"][:, 5].tolist() == [401, -402]
+
+
+@pytest.mark.parametrize(("rate_hz", "samples"), [(100.0, 2), (400.0, 8), (12_700.0, 254)])
+def test_sums_of_the_widest_recorded_counts_fit_a_word(rate_hz: float, samples: int) -> None:
+    board = BoardSheet(adc=AdcSheet(gyro_range_degps=1e5, acc_range_g=1e5, conversion_s=0.0))
+    sheet = board.with_adc(rate_hz=rate_hz, lsb=(1e-15, 1e-15))
+    found = convert(sheet.adc, np.full((samples + 1, 6), -1.0))
+    assert (found["status"] == SATURATED).all()
+    total = found["counts"].astype(np.int64).sum(axis=0)
+    assert (total >= -(2**31)).all()
+    # The next width would not fit.
+    assert (2 * total < -(2**31)).all()

@@ -46,6 +46,10 @@ def test_a_file_sets_what_it_names_and_leaves_the_rest(tmp_path: Path) -> None:
     assert sheet.adc == AdcSheet()
 
 
+def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
+    assert load_sheet(write(tmp_path, "\ufeff[adc]\nbits = 16\n")).adc.bits == 16
+
+
 def test_clock_offset_is_exact() -> None:
     sheet = BoardSheet(adc=AdcSheet(offset_ppm=12.5))
     period = Fraction(25_000) / (1 + Fraction(25, 2_000_000))
@@ -58,10 +62,13 @@ REFUSED = [
     ("[radar]\nrange = 1", "expected the sections processor, tick", "[radar]"),
     ("[adc]\nrate = 1000", "[adc]: expected the keys rate_hz, offset_ppm", "rate"),
     ('[adc]\nrate_hz = "fast"', "[adc] rate_hz: expected a number from 1.0 to 100000.0 Hz", "'fast'"),
-    ("[adc]\nrate_hz = true", "[adc] rate_hz: expected a number", "True"),
+    ("[adc]\nrate_hz = true", "[adc] rate_hz: expected a number", "true"),
     ("[adc]\nrate_hz = nan", "[adc] rate_hz: expected a number", "nan"),
-    ("[adc]\nbits = 24.0", "[adc] bits: expected an integer from 8 to 32 bit", "24.0"),
-    ("[adc]\nbits = 33", "[adc] bits: expected an integer from 8 to 32", "33"),
+    ("[adc]\nbits = 24.0", "[adc] bits: expected an integer from 8 to 30 bit", "24.0"),
+    ("[adc]\nbits = 31", "[adc] bits: expected an integer from 8 to 30", "31"),
+    ("[adc]\nrate_hz = 1979-05-27", "[adc] rate_hz: expected a number", "a date"),
+    ("[[adc]]\nrate_hz = 1", "expected a section [adc]", "an array of tables"),
+    ("[adc.bits]\nof = 1", "[adc] bits: expected an integer", "a table"),
     ('[adc]\nkind = "flash"', '[adc] kind: expected "integrating" or "sampling"', "'flash'"),
     ("[adc]\noffset_ppm = 1e5", "[adc] offset_ppm: expected a number from -10000.0", "100000.0"),
     ("[adc]\nrate_hz = 99.9", "[adc] rate_hz: expected 2 to 255 samples in a tick of 0.02 s", "1.998"),
@@ -131,6 +138,28 @@ def test_recording_brings_its_rate_and_weights() -> None:
     assert sheet.sample_oscillator.event(1) == 250_000
     with pytest.raises(UsageError, match="2 to 255 samples"):
         BoardSheet().with_adc(rate_hz=50.0)
+
+
+def test_a_recording_has_no_oscillator_of_its_own() -> None:
+    sheet = BoardSheet(adc=AdcSheet(offset_ppm=5000.0)).with_adc(rate_hz=100.0)
+    assert sheet.sample_oscillator.event(1000) == 250_000_000
+
+
+def test_recorded_counts_have_the_widest_resolution_that_the_sums_hold() -> None:
+    narrow = BoardSheet(adc=AdcSheet(bits=8))
+    # Two samples and one: 3 x 2^29 < 2^31; twenty and one: 21 x 2^26 < 2^31.
+    assert narrow.with_adc(rate_hz=100.0, lsb=(1e-6, 1e-3)).adc.bits == 30
+    assert narrow.with_adc(rate_hz=1000.0, lsb=(1e-6, 1e-3)).adc.bits == 27
+    assert narrow.with_adc(rate_hz=100.0).adc.bits == 8
+    with pytest.raises(UsageError, match="2 to 255 samples"):
+        narrow.with_adc(rate_hz=50.0, lsb=(1e-6, 1e-3))
+
+
+def test_the_widest_converter_that_is_allowed_fits_the_shortest_tick() -> None:
+    widest = next(key for key in KEYS if key.name == "bits").allowed[1]
+    assert BoardSheet(tick=TickSheet(period_s=0.002), adc=AdcSheet(bits=widest)).adc.bits == widest
+    # One bit more would not: three samples of 2^30.
+    assert 3 * 2**widest > 2**31
 
 
 def test_values_given_in_python_are_checked_too() -> None:

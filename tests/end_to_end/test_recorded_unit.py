@@ -24,7 +24,7 @@ def aligned(folder, recording, start_s):
 
 def test_the_excerpt_flies_with_its_own_rate_and_weights(tmp_path):
     line = tmp_path / "line.raw"
-    report = run(Flight(aligned(tmp_path, EXCERPT, 0.0), BoardSheet(), "c3x"), FileLine(line))
+    report = run(Flight(aligned(tmp_path, EXCERPT, 0.0), BoardSheet(), "c3x"), lambda: FileLine(line))
     with np.load(EXCERPT) as recording:
         pulses, lsb = recording["pulses"], recording["acc_lsb_mps"]
     assert report["duration_s"] == pytest.approx(len(pulses) / 100.0)
@@ -43,7 +43,7 @@ def test_a_recording_without_attitude_says_what_it_needs():
 def test_ten_minutes_of_pure_inertial_navigation(tmp_path, recording_path):
     """The recording's own description gives what a double solver found: 28.9 m, (-0.118, -0.003) m/s after 10 min."""
     line = tmp_path / "line.raw"
-    report = run(Flight(aligned(tmp_path, recording_path, 900.0), BoardSheet(), "c3x", 600.0), FileLine(line))
+    report = run(Flight(aligned(tmp_path, recording_path, 900.0), BoardSheet(), "c3x", 600.0), lambda: FileLine(line))
     # The requirement; measured is 1 mm.
     assert report["errors_vs_double"]["horizontal_m"]["max"] < 0.1
     last = frames_of(line)[-1]

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from firmware_sim.board import sheet
 from firmware_sim.errors import UsageError
 from firmware_sim.plant.scenario import load_scenario
 
@@ -171,7 +172,7 @@ def test_csv_units(tmp_path):
 
 def test_csv_state_and_height(tmp_path):
     rows = np.column_stack([TIMES, IMU, 100 + TIMES])
-    comments = CSV_PLACE + "# anything else\n# azimuth_deg = -90\n# vel_east_mps = 7\n"
+    comments = CSV_PLACE + "# anything else\n# source = lab\n# latitude = 95\n# azimuth_deg = -90\n# vel_east_mps = 7\n"
     source = opened(csv(tmp_path, rows, CSV_NAMES + ",height_m", comments))
     block = source.read(100)
     assert source.initial.vel_t_mps == (7.0, 0.0, 0.0)
@@ -204,6 +205,13 @@ def test_csv_longer_than_a_piece(tmp_path):
     lines.insert(10, "")
     path.write_text("\n".join(lines))
     assert complaint(path).startswith(":30006, gyro_x_radps: expected a number, found 'x")
+
+
+def test_the_widest_counts_are_those_of_the_widest_converter(tmp_path):
+    half = 2 ** (next(key for key in sheet.KEYS if key.name == "bits").allowed[1] - 1)
+    counts = np.array([[-half] * 6, [half - 1] * 6], dtype="i8")
+    source = opened(npz(tmp_path, pulses=counts, gyro_lsb_rad=2.0**-20, acc_lsb_mps=2.0**-10))
+    assert np.array_equal(source.read(2).increments, counts * np.repeat([2.0**-20, 2.0**-10], 3))
 
 
 def test_another_rate_is_refused(tmp_path):
@@ -244,6 +252,12 @@ BAD_ARCHIVES = [
     ({"imu": IMU, "pulses": COUNTS, **LSB}, "expected one of the keys"),
     ({"pulses": COUNTS}, "expected a key gyro_lsb_rad"),
     ({"pulses": COUNTS.astype(float), **LSB}, "pulses: expected whole numbers (counts), found values of type float64"),
+    ({"pulses": with_value(COUNTS.astype("i8"), 3, 1, 2**29), **LSB}, "pulses: sample 3, gyro y: expected a count of"),
+    (
+        {"pulses": with_value(COUNTS.astype("i8"), 9, 5, -(2**40)), **LSB},
+        "accelerometer z: expected a count of at most",
+    ),
+    ({"pulses": with_value(COUNTS.astype("u8"), 3, 0, 2**63), **LSB}, "30 bits (-2^29 to 2^29 - 1), found 9223372036"),
     ({"imu": COUNTS}, "imu: expected floating-point numbers, found values of type int16"),
     ({"imu": IMU[:, :5]}, "imu: expected an array of shape (rows, 6), found (100, 5)"),
     ({"imu": IMU[:0]}, "expected an array of shape (rows, 6), found (0, 6)"),
@@ -304,7 +318,15 @@ def test_files_that_are_no_archives(tmp_path):
     assert "not a zip file" in complaint(path)
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("imu.npy", "no array")
-    assert "expected a readable .npz archive" in complaint(path)
+    assert complaint(path) == ": expected a readable .npz archive, found damaged data"
+
+
+def test_a_name_in_an_archive_that_is_no_text(tmp_path):
+    path = npz(tmp_path, imu=IMU)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("\u00e9.npy", "")
+    path.write_bytes(path.read_bytes().replace("\u00e9".encode(), b"\xff\xff"))
+    assert complaint(path) == ": expected a readable .npz archive, found damaged data"
 
 
 def test_a_header_that_promises_more_than_there_is(tmp_path):
@@ -364,7 +386,8 @@ BAD_TEXTS = [
     ("# rate_hz = 0\n" + CSV_NAMES + "\n", ":1: rate_hz: expected a number from 0.001 to 1e6 Hz, found 0.0"),
     ("# lat_deg = north\n" + CSV_NAMES + "\n", ":1: lat_deg: expected a number, found 'north'"),
     ("# lat_deg = 95\n" + CSV_NAMES + "\n", ":1: lat_deg: expected a number from -90 to 90 deg, found 95.0"),
-    ("# latdeg = 5\n" + CSV_NAMES + "\n", "expected one of lat_deg, lon_deg"),
+    ("# azimuth_deg = north-west\n" + CSV_NAMES + "\n", ":1: azimuth_deg: expected a number, found 'north-west'"),
+    ("# rate_hz = fast\n" + CSV_NAMES + "\n", ":1: rate_hz: expected a number, found 'fast'"),
     ("# rate_hz = 50\n" + CSV_NAMES + "\n" + GOOD_ROW, "found no lat, lon, height"),
 ]
 

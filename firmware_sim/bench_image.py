@@ -1,0 +1,139 @@
+"""The bench for machine code: the board's processor runs an image, and its services are measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_sim.bench import BoardRun, Flight, ignore
+from firmware_sim.board.interrupts import BITS, INT0, INT1, SOURCES, TINT0
+from firmware_sim.board.line import Line, NullLine
+from firmware_sim.board.service_log import BIT, ENDED, EXECUTION, REQUESTED, STARTED
+from firmware_sim.board.target import TargetProcessor
+from firmware_sim.firmware import stopwatch
+from firmware_sim.firmware.stopwatch import new_stopwatch, times_of
+from firmware_sim.jit import jit
+from firmware_sim.report import Report
+from firmware_sim.toolchain.disassembler import disassemble
+from firmware_sim.toolchain.image import Image
+
+ENGINE = "iss"
+_NAMES = {INT0: "adc", INT1: "uart", TINT0: "nav"}
+_ALWAYS_REPORTED = (TINT0, INT0, INT1)
+
+
+def run(
+    flight: Flight,
+    image: Image,
+    source: str,
+    *,
+    has_pipeline: bool = True,
+    open_line: Callable[[], Line] = NullLine,
+    progress: Callable[[float, float], None] | None = None,
+    announce: Callable[[str], None] | None = None,
+) -> Report:
+    """Run a flight with the program ``image`` on the board; ``source`` names it in messages. As ``bench.run``.
+
+    Without ``has_pipeline`` each instruction takes the cycles of its description alone.
+
+    Raises UsageError also for an image that the board cannot hold and for a program that runs wild.
+    """
+    run_of_image = _ImageRun(flight, open_line, progress or ignore, announce or ignore)
+    run_of_image.load(image, source, has_pipeline)
+    return run_of_image.fly()
+
+
+@jit
+def _note_services(watch: NDArray[np.int64], rows: NDArray[np.int64]) -> None:
+    for row in range(rows.shape[0]):
+        of_source = watch[rows[row, BIT]]
+        stopwatch.note(of_source[stopwatch.EXECUTION], rows[row, EXECUTION])
+        stopwatch.note(of_source[stopwatch.RESPONSE], rows[row, ENDED] - rows[row, REQUESTED])
+        stopwatch.note(of_source[stopwatch.JITTER], rows[row, STARTED] - rows[row, REQUESTED])
+
+
+class _ImageRun(BoardRun):
+    """A flight of machine code."""
+
+    processor: TargetProcessor
+
+    def load(self, image: Image, source: str, has_pipeline: bool) -> None:
+        """Put the program into the board."""
+        self.processor = TargetProcessor(self.sheet, image, source, disassemble, has_pipeline=has_pipeline)
+        self.watch = new_stopwatch(max(BITS.values()) + 1)
+        self.ticks = 0
+        self.first_exceeded: dict[str, int] | None = None
+        self.first_overrun: dict[str, int] | None = None
+        self.timing_is = "measured" if has_pipeline else "measured without the pipeline"
+
+    def _prepare(self) -> None:
+        if not self.processor.is_compiled:
+            self.announce(
+                "compiling the instruction-set simulator: once after an installation or an edit, about a minute ..."
+            )
+        self.board.run(self.processor, 1)
+
+    def _run_slice(self, until: int) -> None:
+        super()._run_slice(until)
+        rows = self.processor.take_services()
+        _note_services(self.watch, rows)
+        ticks = rows[rows[:, BIT] == TINT0]
+        response = ticks[:, ENDED] - ticks[:, REQUESTED]
+        self.first_exceeded = self.first_exceeded or self._first_over(ticks[:, EXECUTION], self.sheet.budget_cycles)
+        self.first_overrun = self.first_overrun or self._first_over(response, self.sheet.tick_cycles)
+        self.ticks += len(ticks)
+
+    def _first_over(self, cycles: NDArray[np.int64], limit: int) -> dict[str, int] | None:
+        """The first navigation cycle of a slice that took more than ``limit``."""
+        over = np.flatnonzero(cycles > limit)
+        return {"nav_cycle": self.ticks + int(over[0]) + 1, "cycles": int(cycles[over[0]])} if len(over) else None
+
+    def _report(self, wall_s: float, flown_s: float) -> Report:
+        ledger = self.line.ledger
+        return Report(
+            engine=ENGINE,
+            scenario=self.flight.scenario.name,
+            seed=self.flight.seed,
+            duration_s=flown_s,
+            wall_s=wall_s,
+            real_time_factor=flown_s / wall_s,
+            nav_cycles=self.ticks,
+            tick_cycles=self.sheet.tick_cycles,
+            budget_cycles=self.sheet.budget_cycles,
+            overruns=int(self.processor.services.state["overruns"][0][TINT0]),
+            exceeded=self.first_exceeded,
+            first_overrun=self.first_overrun,
+            timing_is=self.timing_is,
+            timing=self._timing(),
+            interrupts_off_max_cycles=None,
+            adc=self._samples(),
+            line={"sent": ledger.sent, "read": ledger.read, "held": ledger.held, "dropped": ledger.dropped},
+            frames={"dropped": None},
+            resets=self.processor.resets,
+            errors_vs_truth=None,
+            errors_vs_double=None,
+        )
+
+    def _timing(self) -> dict[str, Any]:
+        """Every source that was served, by its name; the three of the board's own firmware in any case."""
+        served = [source.bit for source in SOURCES if self.watch[source.bit, stopwatch.EXECUTION].any()]
+        bits = dict.fromkeys([*_ALWAYS_REPORTED, *served])
+        names = {source.bit: source.name.lower() for source in SOURCES} | _NAMES
+        return {names[bit]: self._times(bit) for bit in bits}
+
+    def _times(self, bit: int) -> dict[str, Any]:
+        watch = self.watch[bit]
+        return {
+            **times_of(watch[stopwatch.EXECUTION]).as_dict(),
+            "response": times_of(watch[stopwatch.RESPONSE]).as_dict(),
+            "release_jitter": times_of(watch[stopwatch.JITTER]).as_dict(),
+        }
+
+    def _samples(self) -> dict[str, int]:
+        """Samples whose last channel was read in time, and those that were not; one may still wait."""
+        adc = self.board.circuit.adc[0]
+        read, waits = int(adc["read"]), int(adc["status"] & 1)
+        return {"samples": read, "lost": int(adc["number"]) - read - waits}

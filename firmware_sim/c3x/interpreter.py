@@ -1,0 +1,427 @@
+"""The processor's loop: executes decoded instructions until something outside of it is needed.
+
+``interpret`` works on the arrays of ``machine`` and knows no device: it stops before an instruction that reads a
+device, with the address, and takes the word when it is called again; it stops after an instruction that wrote one.
+Every instruction is a whole: stopped before it, nothing of it has happened.
+
+An instruction takes these steps, in the order of the processor's pipeline (SPRU031 8-2): both addresses and the changes
+of the auxiliary registers (decode), loads (read), stores, then operations on registers (execute). So an auxiliary
+register that an instruction changes and also uses as an operand is used with its new value.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from firmware_sim.c3x.addressing import ADDRESS_MASK, DISPLACED, NO_ACCESS, TWO_LOADS, address_at, pointer_after
+from firmware_sim.c3x.decoding import (
+    BRANCH,
+    BRANCH_DELAYED,
+    BREAKPOINT,
+    CALL,
+    COUNT_BRANCH,
+    COUNT_BRANCH_DELAYED,
+    FIRST_GATED,
+    IDLE,
+    MULTIPLY_ADD,
+    PAIR,
+    REPEAT_BLOCK,
+    REPEAT_SINGLE,
+    RETURN,
+    RETURN_FROM_INTERRUPT,
+    SOFTWARE_INTERRUPT,
+    TRANSFER,
+    TRAP,
+    UNDECODED,
+    UNDEFINED,
+)
+from firmware_sim.c3x.floats import REGISTER_MASK, ST_N, ST_UF, ST_V, ST_Z, add_flagged, mul_flagged
+from firmware_sim.c3x.isa import OPERATION_INDEX
+from firmware_sim.c3x.machine import (
+    BK,
+    IE,
+    IF,
+    LOAD,
+    LOADED,
+    NO_TRANSFER,
+    NOWHERE,
+    RC,
+    RE,
+    RS,
+    SP,
+    ST,
+    ST_EDGE,
+    ST_GIE,
+    ST_RM,
+    STORE,
+    TRAIL_LENGTH,
+    UNMAPPED_PAGE,
+    Reason,
+    locate,
+    write_word,
+)
+from firmware_sim.c3x.operations import FLAGS_LOW, WORD_MASK, add_or_load, compute, holds, multiply_or_load, signed
+from firmware_sim.c3x.pipeline import decode_cycle, stall_cycles
+from firmware_sim.jit import jit
+
+INTERRUPT_SOURCES: Final = 0xF3F
+"""Bits of IE and IF that are interrupts of the CPU: INT0 to INT3, XINT0, RINT0, TINT0, TINT1, DINT0, DINT1 (3-12)."""
+FIRST_TRAP: Final = 0x20
+_EXTERNAL_INTERRUPTS: Final = 0xF
+_IDLE2: Final = OPERATION_INDEX["idle2"]
+INTERRUPT_CYCLES: Final = 5
+"""As TRAP: the pipeline is emptied as for a branch, and the vector is read."""
+
+_PAIR_FLAGS: Final = ST_V | ST_Z | ST_N | ST_UF
+
+_RUNNING: Final = int(Reason.RUNNING)
+_HORIZON: Final = int(Reason.HORIZON)
+_DEVICE_READ: Final = int(Reason.DEVICE_READ)
+_DEVICE_WRITE: Final = int(Reason.DEVICE_WRITE)
+_IDLE: Final = int(Reason.IDLE)
+_BREAKPOINT: Final = int(Reason.BREAKPOINT)
+_DECODE: Final = int(Reason.DECODE)
+_UNDEFINED: Final = int(Reason.UNDEFINED)
+_UNMAPPED: Final = int(Reason.UNMAPPED)
+_SWI: Final = int(Reason.SWI)
+
+
+@jit
+def _end_of_stretch(s: Any, r: Any) -> int:
+    """The address of the instruction after which the next one is not the one behind it: a delay slot, or RE."""
+    if s.delay_end != NOWHERE:
+        return s.delay_end
+    return r[RE] & ADDRESS_MASK if r[ST] & ST_RM else NOWHERE
+
+
+@jit
+def _merged(before: int, result: int, kept: int) -> int:
+    """What a register holds after a result; ``kept`` are the bits of its exponent that stay."""
+    kept_bits: Any = np.int64(kept) << 32
+    return before & kept_bits | result & REGISTER_MASK & ~kept_bits
+
+
+@jit
+def _permit(s: Any, access: int, address: int, index: int, transfer: int) -> int:
+    """Whether an access outside of memory may go on: RUNNING, or the reason why not."""
+    s.address = address
+    if transfer == NO_TRANSFER:
+        return _RUNNING
+    if index >= UNMAPPED_PAGE:
+        return _UNMAPPED
+    if transfer == STORE or (s.is_supplied1 if access else s.is_supplied0):
+        return _RUNNING
+    s.waiting_for = access
+    return _DEVICE_READ
+
+
+@jit
+def _write_device(s: Any, address: int, word: int, cycles: int) -> None:
+    if s.write_count == 0:
+        s.write_address0, s.write_value0 = address, word
+    else:
+        s.write_address1, s.write_value1 = address, word
+    s.write_count += 1
+    s.write_cycle = cycles
+
+
+@jit
+def _pending(s: Any, r: Any) -> int:
+    """The interrupt requests that are enabled and can be served now, as bits."""
+    if not r[ST] & ST_EDGE:
+        r[IF] |= s.active_lines
+    pending = r[IF] & r[IE] & INTERRUPT_SOURCES
+    if s.is_idle == 2:
+        pending &= _EXTERNAL_INTERRUPTS
+    is_held_off = s.delay_end != NOWHERE or s.is_single_repeat or s.is_supplied0 or s.is_supplied1
+    return 0 if is_held_off or not r[ST] & ST_GIE else pending
+
+
+@jit
+def _vector_address(r: Any, number: int) -> int:
+    """Where an entry of the interrupt-trap table is; the table begins at ITTP << 8 (7-29)."""
+    return ((r[IF] >> 16) << 8) + number & ADDRESS_MASK
+
+
+@jit
+def _vector(r: Any, memory: Any, pages: Any, number: int) -> int:
+    """An entry of the interrupt-trap table: an address; UNMAPPED_PAGE if there is no memory."""
+    index = locate(pages, _vector_address(r, number))
+    return memory[index] & ADDRESS_MASK if index >= 0 else UNMAPPED_PAGE
+
+
+@jit
+def _serve(s: Any, r: Any, memory: Any, pages: Any, kinds: Any, pending: int, pc: int) -> int:
+    """Enter the service of the first of the ``pending`` interrupts; gives its address, or a negative number."""
+    number = 0
+    while not pending >> number & 1:
+        number += 1
+    top = r[SP] + 1 & ADDRESS_MASK
+    index = locate(pages, top)
+    target = _vector(r, memory, pages, number + 1)
+    if index < 0 or target < 0:
+        s.address = top if index < 0 else _vector_address(r, number + 1)
+        return UNMAPPED_PAGE
+    write_word(memory, kinds, index, pc)
+    r[SP] = r[SP] & ~ADDRESS_MASK | top
+    r[IF] &= ~(1 << number)
+    r[ST] &= ~ST_GIE
+    s.is_idle = 0
+    return target
+
+
+@jit
+def interpret(
+    state: Any, r: Any, memory: Any, pages: Any, waits: Any, kinds: Any, decoded: Any, trail: Any, horizon: int
+) -> int:
+    """Execute instructions while the cycle count is below ``horizon``; gives a ``Reason``."""
+    s = state[0]
+    pc = s.pc
+    cycles = s.cycles
+    instructions = s.instructions
+    st = r[ST]
+    watched = _end_of_stretch(s, r)
+    reason = _RUNNING
+    limit = 0
+    is_using_supply = False
+    has_pipeline = s.has_pipeline != 0
+    while True:
+        if cycles >= limit:
+            if is_using_supply:
+                s.is_supplied0 = 0
+                s.is_supplied1 = 0
+                is_using_supply = False
+            if reason != _RUNNING:
+                break
+            limit = horizon
+            if cycles >= horizon:
+                reason = _HORIZON
+                break
+            pending = _pending(s, r)
+            if pending:
+                target = _serve(s, r, memory, pages, kinds, pending, pc)
+                if target < 0:
+                    reason = _UNMAPPED
+                    break
+                pc = target
+                st = r[ST]
+                cycles += INTERRUPT_CYCLES
+                continue
+            if s.is_idle:
+                reason = _IDLE
+                break
+
+        here = locate(pages, pc)
+        if here < 0:
+            s.address = pc
+            reason = _UNMAPPED
+            break
+        kind = kinds[here]
+        row = decoded[here]
+        mode = row.mode0
+        if kind == UNDECODED:
+            reason = _DECODE
+            break
+        if kind >= FIRST_GATED:
+            if kind == UNDEFINED:
+                reason = _UNDEFINED
+                break
+            if kind == BREAKPOINT:
+                reason = _BREAKPOINT
+                break
+            if holds(row.condition, st):
+                r[LOADED] = pc + 1
+                if kind == TRAP and _vector(r, memory, pages, FIRST_TRAP + row.value) < 0:
+                    s.address = _vector_address(r, FIRST_TRAP + row.value)
+                    reason = _UNMAPPED
+                    break
+            else:
+                kind = TRANSFER
+                mode = NO_ACCESS
+
+        address0 = address1 = 0
+        if mode == TWO_LOADS:
+            base0, base1 = r[row.pointer0], r[row.pointer1]
+            address0 = base0 + row.ahead0 & ADDRESS_MASK
+            address1 = base1 + row.ahead1 & ADDRESS_MASK
+            index0 = locate(pages, address0)
+            index1 = locate(pages, address1)
+            if index0 >= 0 and index1 >= 0:
+                r[row.pointer0] = base0 & ~ADDRESS_MASK | base0 + row.advance0 & ADDRESS_MASK
+                r[row.pointer1] = base1 & ~ADDRESS_MASK | base1 + row.advance1 & ADDRESS_MASK
+                r[LOADED] = np.int64(memory[index0]) << row.shift0
+                r[LOADED + 1] = np.int64(memory[index1]) << row.shift1
+            else:
+                mode = DISPLACED
+        if mode not in (NO_ACCESS, TWO_LOADS):
+            pointer0 = row.pointer0
+            base0 = r[pointer0]
+            if mode == DISPLACED:
+                address0 = base0 + row.ahead0 & ADDRESS_MASK
+                after0 = base0 & ~ADDRESS_MASK | base0 + row.advance0 & ADDRESS_MASK
+            else:
+                step0 = row.ahead0 + r[row.index_register0] * row.sign0
+                address0 = address_at(mode, base0, step0)
+                after0 = pointer_after(mode, base0, step0, r[BK])
+            index0 = locate(pages, address0)
+            if index0 < 0:
+                reason = _permit(s, 0, address0, index0, row.transfer0)
+                if reason != _RUNNING:
+                    break
+                is_using_supply = True
+                limit = 0
+            if row.mode1 != NO_ACCESS:
+                pointer1 = row.pointer1
+                base1 = r[pointer1]
+                if row.mode1 == DISPLACED:
+                    address1 = base1 + row.ahead1 & ADDRESS_MASK
+                    after1 = base1 & ~ADDRESS_MASK | base1 + row.advance1 & ADDRESS_MASK
+                else:
+                    step1 = row.ahead1 + r[row.index_register1] * row.sign1
+                    address1 = address_at(row.mode1, base1, step1)
+                    after1 = pointer_after(row.mode1, base1, step1, r[BK])
+                index1 = locate(pages, address1)
+                if index1 < 0:
+                    reason = _permit(s, 1, address1, index1, row.transfer1)
+                    if reason != _RUNNING:
+                        break
+                    is_using_supply = True
+                    limit = 0
+                r[pointer0] = after0
+                r[pointer1] = after1
+                if row.transfer0 == LOAD:
+                    r[LOADED] = (np.int64(memory[index0]) if index0 >= 0 else s.supplied0) << row.shift0
+                if row.transfer1 == LOAD:
+                    r[LOADED + 1] = (np.int64(memory[index1]) if index1 >= 0 else s.supplied1) << row.shift1
+                if row.transfer1 == STORE:
+                    word = r[row.stored1] >> row.shift1 & WORD_MASK
+                    if index1 >= 0:
+                        write_word(memory, kinds, index1, word)
+                    else:
+                        _write_device(s, address1, word, cycles)
+                        reason = _DEVICE_WRITE
+            else:
+                r[pointer0] = after0
+                if row.transfer0 == LOAD:
+                    r[LOADED] = (np.int64(memory[index0]) if index0 >= 0 else s.supplied0) << row.shift0
+            if row.transfer0 == STORE:
+                word = r[row.stored0] >> row.shift0 & WORD_MASK
+                if index0 >= 0:
+                    write_word(memory, kinds, index0, word)
+                else:
+                    _write_device(s, address0, word, cycles)
+                    reason = _DEVICE_WRITE
+
+        trail[instructions & (TRAIL_LENGTH - 1)] = pc
+        instructions += 1
+        if has_pipeline:
+            decode = decode_cycle(s, r, waits, row, pc, cycles)
+            cycles = decode + stall_cycles(s, waits, row, mode, address0, address1, decode)
+        cycles += row.cycles
+        following = pc + 1 & ADDRESS_MASK
+
+        if kind < PAIR:
+            result = compute(kind, r[row.source0] + row.value, r[row.source1], st, row.condition)
+            destination = row.destination0
+            r[destination] = _merged(r[destination], result, row.kept0)
+            if destination >= ST and destination <= RC:
+                st = r[ST]
+                if st & ST_RM and signed(r[RC]) <= 0 and destination == ST:
+                    st &= ~ST_RM
+                    r[ST] = st
+                watched = _end_of_stretch(s, r)
+                limit = 0
+            st = st & ~np.int64(row.replaced_flags) | result >> FLAGS_LOW & row.raised_flags
+            r[ST] = st
+        elif kind == BRANCH:
+            if holds(row.condition, st):
+                following = r[row.source0] + row.value & ADDRESS_MASK
+        elif kind == MULTIPLY_ADD:
+            product = mul_flagged(r[row.source0], r[row.source1])
+            total = add_flagged(r[row.source2], r[row.source3])
+            r[row.destination0] = product & REGISTER_MASK
+            r[row.destination1] = total & REGISTER_MASK
+            st = st & ~_PAIR_FLAGS | (product | total) >> FLAGS_LOW
+            r[ST] = st
+        elif kind == PAIR:
+            result = multiply_or_load(row.operation0, r[row.source0], r[row.source1], st)
+            second = add_or_load(row.operation1, r[row.source2], r[row.source3], st)
+            r[row.destination0] = _merged(r[row.destination0], result, row.kept0)
+            r[row.destination1] = _merged(r[row.destination1], second, row.kept1)
+            st = st & ~np.int64(row.replaced_flags) | (result | second) >> FLAGS_LOW & row.raised_flags
+            r[ST] = st
+        elif kind == BRANCH_DELAYED:
+            taken = holds(row.condition, st)
+            s.delay_target = r[row.source0] + row.value & ADDRESS_MASK if taken else pc + 4 & ADDRESS_MASK
+            s.delay_end = pc + 3
+            watched = pc + 3
+        elif kind in (COUNT_BRANCH, COUNT_BRANCH_DELAYED):
+            counter = row.source1
+            count = r[counter] - 1 & ADDRESS_MASK
+            r[counter] = r[counter] & ~ADDRESS_MASK | count
+            taken = holds(row.condition, st) and count >> 23 == 0
+            target = r[row.source0] + row.value & ADDRESS_MASK
+            if kind == COUNT_BRANCH:
+                following = target if taken else following
+            else:
+                s.delay_target = target if taken else pc + 4 & ADDRESS_MASK
+                s.delay_end = pc + 3
+                watched = pc + 3
+        elif kind == CALL:
+            following = r[row.source0] + row.value & ADDRESS_MASK
+        elif kind == RETURN:
+            following = r[LOADED] & ADDRESS_MASK
+        elif kind == RETURN_FROM_INTERRUPT:
+            following = r[LOADED] & ADDRESS_MASK
+            st |= ST_GIE
+            r[ST] = st
+            limit = 0
+        elif kind == TRAP:
+            following = _vector(r, memory, pages, FIRST_TRAP + row.value)
+            st &= ~ST_GIE
+            r[ST] = st
+        elif kind in (REPEAT_BLOCK, REPEAT_SINGLE):
+            r[RS] = pc + 1
+            if kind == REPEAT_BLOCK:
+                r[RE] = row.value
+            else:
+                r[RE] = pc + 1
+                r[RC] = r[row.source0] + row.value & WORD_MASK
+                s.is_single_repeat = 1
+            st |= ST_RM
+            r[ST] = st
+            watched = _end_of_stretch(s, r)
+        elif kind == IDLE:
+            s.is_idle = 2 if row.operation0 == _IDLE2 else 1
+            st |= ST_GIE
+            r[ST] = st
+            limit = 0
+        elif kind == SOFTWARE_INTERRUPT:
+            reason = _SWI
+            limit = 0
+
+        if pc == watched:
+            if s.delay_end != NOWHERE:
+                following = s.delay_target
+                s.delay_end = NOWHERE
+                watched = _end_of_stretch(s, r)
+                limit = 0
+            else:
+                remaining = signed(r[RC]) - 1
+                r[RC] = remaining & WORD_MASK
+                if remaining >= 0:
+                    following = r[RS] & ADDRESS_MASK
+                else:
+                    st &= ~ST_RM
+                    r[ST] = st
+                    s.is_single_repeat = 0
+                    watched = NOWHERE
+                    limit = 0
+        pc = following
+
+    s.pc = pc
+    s.cycles = cycles
+    s.instructions = instructions
+    return reason

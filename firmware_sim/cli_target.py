@@ -1,0 +1,105 @@
+"""The commands for machine code: ``asm``, ``dis``, and ``run --engine iss``."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from firmware_sim.errors import UsageError
+
+if TYPE_CHECKING:
+    from firmware_sim.report import Report
+    from firmware_sim.toolchain.image import Image
+
+FINE = 0
+ENGINE = "iss"
+
+
+def add_commands(commands: Any) -> None:
+    """Add the commands to argparse's subparsers."""
+    asm = commands.add_parser(
+        "asm",
+        help="assemble a program",
+        description="Assemble sources in TI's dialect (docs/assembler.md) and link them to one image.",
+    )
+    asm.set_defaults(command=_asm)
+    asm.add_argument("sources", nargs="+", metavar="SRC.asm", help="sources; they share what they declare .global")
+    asm.add_argument("-o", dest="output", metavar="IMAGE.out", required=True, help="the image, in COFF2")
+    asm.add_argument("--listing", metavar="FILE", help="write addresses, words and cycles beside the source")
+    dis = commands.add_parser("dis", help="disassemble an image", description="Print the instructions of an image.")
+    dis.set_defaults(command=_dis)
+    dis.add_argument("image", metavar="IMAGE.out")
+
+
+def add_run_options(run: argparse.ArgumentParser) -> None:
+    """Add what ``run`` takes for machine code."""
+    run.add_argument("--image", metavar="IMAGE.out", help="the program for --engine iss")
+    run.add_argument(
+        "--timing",
+        choices=("pipeline", "fast"),
+        default="pipeline",
+        help="cycles of --engine iss: with the stalls of the pipeline (default), or of the instructions alone",
+    )
+
+
+def bench_of(options: argparse.Namespace) -> Callable[..., Report]:
+    """What runs a flight: the native bench, or that of an image. Raises UsageError for an image that cannot be read."""
+    if options.engine != ENGINE:
+        if options.image is not None:
+            raise UsageError(f"--image: expected with --engine iss, found --engine {options.engine}")
+        from firmware_sim import bench
+
+        return bench.run
+    if options.image is None:
+        raise UsageError(
+            "--engine iss: expected --image IMAGE.out, found none: the board's own firmware is not yet machine code"
+        )
+    from firmware_sim import bench_image
+
+    return functools.partial(
+        bench_image.run,
+        image=read_image(options.image),
+        source=options.image,
+        has_pipeline=options.timing == "pipeline",
+    )
+
+
+def read_image(name: str) -> Image:
+    """The image in a file. Raises UsageError, naming the file."""
+    from firmware_sim.toolchain.coff import read_coff
+
+    try:
+        data = Path(name).read_bytes()
+    except OSError as error:
+        raise UsageError(f"{name}: expected a readable image, found: {error.strerror}") from None
+    return read_coff(data, name)
+
+
+def _asm(options: argparse.Namespace) -> int:
+    from firmware_sim.toolchain.assembler import assemble_files
+    from firmware_sim.toolchain.coff import write_coff
+    from firmware_sim.toolchain.listing import listing
+
+    image = assemble_files([Path(source) for source in options.sources])
+    _write(options.output, write_coff(image))
+    if options.listing:
+        _write(options.listing, listing(image).encode())
+    return FINE
+
+
+def _dis(options: argparse.Namespace) -> int:
+    from firmware_sim.toolchain.listing import listing
+
+    sys.stdout.write(listing(read_image(options.image)))
+    return FINE
+
+
+def _write(name: str, data: bytes) -> None:
+    try:
+        Path(name).write_bytes(data)
+    except OSError as error:
+        raise UsageError(f"{name}: expected a file that can be written, found: {error.strerror}") from None

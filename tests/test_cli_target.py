@@ -1,0 +1,148 @@
+"""The commands for machine code: what they write, and that every mistake is one sentence and status 2."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from firmware_sim import cli
+from firmware_sim.toolchain.coff import read_coff, write_coff
+from firmware_sim.toolchain.image import Image, Section, SectionKind
+
+PROGRAM = """
+        .asect  "reset",0
+        .word   start
+        .asect  "program",40h
+start:  LDI     5,R0
+stop:   B       stop
+"""
+RUN = ["run", "static", "--engine", "iss", "--duration", "0.1"]
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> Path:
+    source, path = tmp_path / "program.asm", tmp_path / "program.out"
+    source.write_text(PROGRAM)
+    assert cli.main(["asm", str(source), "-o", str(path)]) == 0
+    return path
+
+
+def status_and_sentence(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[object, str]:
+    try:
+        status: object = cli.main([str(argument) for argument in arguments])
+    except SystemExit as ended:
+        status = ended.code
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    return status, said
+
+
+def test_asm_writes_an_image_and_a_listing(tmp_path: Path, image: Path) -> None:
+    words = read_coff(image.read_bytes(), "program.out").sections["program"].words
+    assert words == [0x08600005, 0x6A00FFFF]
+    listing = tmp_path / "program.lst"
+    cli.main(["asm", str(tmp_path / "program.asm"), "-o", str(image), "--listing", str(listing)])
+    rows = [line.split() for line in listing.read_text().splitlines()]
+    assert ["000040", "08600005", "1", "start:", "LDI", "5,R0"] in rows
+
+
+def test_sources_of_one_image_share_their_names(tmp_path: Path) -> None:
+    (tmp_path / "a.asm").write_text("        .global there\n        .text\n        BR there\n")
+    (tmp_path / "b.asm").write_text("        .def there\n        .text\nthere:  NOP\n")
+    path = tmp_path / "both.out"
+    assert cli.main(["asm", str(tmp_path / "a.asm"), str(tmp_path / "b.asm"), "-o", str(path)]) == 0
+    assert read_coff(path.read_bytes(), "both.out").sections[".text"].words == [0x60000001, 0x0C800000]
+
+
+def test_dis_prints_the_instructions(capsys: pytest.CaptureFixture[str], image: Path) -> None:
+    assert cli.main(["dis", str(image)]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["000040", "08600005", "1", "LDI", "5,R0"] in rows
+
+
+def test_errors_of_a_source_name_their_places(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    source = tmp_path / "wrong.asm"
+    source.write_text("        .text\n        LDQ 5,R0\n        ADDI 5\n")
+    status, said = status_and_sentence(capsys, "asm", source, "-o", tmp_path / "wrong.out")
+    assert status == 2
+    assert f"{source}:2:" in said
+    assert f"{source}:3:" in said
+    assert not (tmp_path / "wrong.out").exists()
+
+
+@pytest.mark.parametrize("command", [["dis"], [*RUN, "--image"]])
+def test_an_image_that_cannot_be_read_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, image: Path, command: list[str]
+) -> None:
+    truncated, foreign = tmp_path / "truncated.out", tmp_path / "foreign.out"
+    truncated.write_bytes(image.read_bytes()[:100])
+    foreign.write_bytes(b"\x7fELF" + bytes(100))
+    for path in (tmp_path / "missing.out", truncated, foreign, tmp_path):
+        status, said = status_and_sentence(capsys, *command, path)
+        assert status == 2
+        assert said.startswith(f"firmware-sim: {path}")
+        assert said.count("\n") == 1
+
+
+def test_an_image_that_is_larger_than_memory_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "large.out"
+    path.write_bytes(write_coff(Image({".text": Section(".text", 0x1FFFF, [1, 2], SectionKind.TEXT)}, {}, 0x1FFFF)))
+    status, said = status_and_sentence(capsys, *RUN, "--image", path)
+    assert status == 2
+    assert "section .text: expected memory of the board" in said
+    assert "found 01FFFFh-020000h" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["asm", "-o", "x.out"], "SRC.asm"),
+        (["asm", "missing.asm", "-o", "x.out"], "missing.asm"),
+        (["asm", "missing.asm"], "-o"),
+        (RUN, "expected --image IMAGE.out, found none"),
+        (["run", "static", "--image", "x.out"], "--image: expected with --engine iss, found --engine c3x"),
+        ([*RUN, "--timing", "slow"], "invalid choice: 'slow'"),
+    ],
+)
+def test_a_mistake_is_one_sentence(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    expected: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, said = status_and_sentence(capsys, *arguments)
+    assert status == 2
+    assert expected in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_program_that_runs_wild_ends_the_run(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    source, path = tmp_path / "wild.asm", tmp_path / "wild.out"
+    source.write_text(PROGRAM.replace("B       stop", "BR      0FFFFFFh"))
+    cli.main(["asm", str(source), "-o", str(path)])
+    capsys.readouterr()
+    status, said = status_and_sentence(capsys, *RUN, "--image", path)
+    assert status == 2
+    assert "at FFFFFFh" in said
+    assert "000041h BR" in said
+
+
+def test_a_run_reports_what_it_measured(image: Path, tmp_path: Path) -> None:
+    path, raw = tmp_path / "report.json", tmp_path / "line.raw"
+    assert cli.main([*RUN, "--image", str(image), "--report", str(path), "--raw", str(raw)]) == 0
+    report = json.loads(path.read_text())
+    assert report["engine"] == "iss"
+    assert report["timing_is"] == "measured"
+    assert report["duration_s"] == 0.1
+    assert report["nav_cycles"] == 0
+    assert report["errors_vs_truth"] is None
+    assert report["errors_vs_double"] is None
+    # The program reads none of the 119 samples whose conversions ended; the last of them still waits.
+    assert report["adc"] == {"samples": 0, "lost": 118}
+    assert raw.read_bytes() == b""
+    assert cli.main([*RUN, "--image", str(image), "--report", str(path), "--timing", "fast"]) == 0
+    assert json.loads(path.read_text())["timing_is"] == "measured without the pipeline"
