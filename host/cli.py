@@ -1,4 +1,7 @@
-"""`nav-host`: record what a board sends, look into recordings, export and draw them."""
+"""`nav-host`: record what a board sends, look into recordings, export and draw them.
+
+What takes time to import (numpy, matplotlib) is imported by the commands, when the signals are already handled.
+"""
 
 from __future__ import annotations
 
@@ -8,24 +11,24 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from host.errors import UsageError
-from host.export import FORMATS, export
-from host.link import DEFAULT_BAUD
-from host.plot import plot
-from host.record import Recorder, Request
-from host.source import open_source
-from host.stats import report, survey
+
+if TYPE_CHECKING:
+    from host.record import Recorder
 
 _USAGE_STATUS = 2
 _INTERRUPTED_STATUS = 130
 # A terminal shows a line that changes; a file or a build's output gets a line now and then.
 _TERMINAL_PROGRESS_S = 1.0
 _PLAIN_PROGRESS_S = 10.0
+_SILENT_S = 3.0
+_HINT = "nothing arrives: is another receiver attached, or the board silent?"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -34,28 +37,68 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (see {self.prog} --help)")
 
+    def print_help(self, file: Any = None) -> None:
+        _say(self.format_help(), end="")
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command; gives its exit status: 0 fine, 2 bad usage or input, 130 interrupted."""
     try:
-        arguments = _parser().parse_args(argv)
-        status: int = arguments.run(arguments)
-        sys.stdout.flush()
+        with _handling(_interrupt):
+            arguments = _parser().parse_args(argv)
+            status: int = arguments.run(arguments)
     except UsageError as error:
-        print(f"nav-host: {error}", file=sys.stderr)
+        _tell(f"nav-host: {error}")
         return _USAGE_STATUS
     except KeyboardInterrupt:
-        print("nav-host: interrupted", file=sys.stderr)
+        _tell("nav-host: interrupted")
         return _INTERRUPTED_STATUS
     except BrokenPipeError:
-        # The reader of our output has seen enough; the interpreter shall not flush into the closed pipe at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of our output has seen enough.
         return 0
     return status
 
 
+@contextmanager
+def _handling(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Ctrl-C and SIGTERM go to the handler, also where a shell started this in the background with Ctrl-C ignored."""
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, old_handler in before.items():
+            signal.signal(number, old_handler)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _say(text: str, end: str = "\n") -> None:
+    """Prints to standard output. Raises UsageError when it is closed or full, BrokenPipeError when its reader left."""
+    if sys.stdout is None:
+        raise UsageError("standard output: cannot be written: it is closed")
+    try:
+        print(text, end=end, flush=True)
+    except OSError as error:
+        # What is left in the buffer must not meet the same error when the interpreter ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise UsageError(f"standard output: cannot be written: {error.strerror}") from None
+
+
+def _tell(text: str, end: str = "\n") -> None:
+    """Prints to standard error; a recording does not end because nobody reads how it goes."""
+    if sys.stderr is not None:
+        with suppress(OSError):
+            print(text, end=end, file=sys.stderr, flush=True)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="nav-host", description=__doc__, allow_abbrev=False)
+    from host.link import DEFAULT_BAUD
+
+    parser = _Parser(prog="nav-host", description=__doc__.splitlines()[0], allow_abbrev=False)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
 
     record = commands.add_parser("record", help="record a line to a log until Ctrl-C")
@@ -77,7 +120,7 @@ def _parser() -> argparse.ArgumentParser:
 
     convert = commands.add_parser("export", help="write a recording in another format")
     convert.add_argument("log", type=Path, metavar="LOG", help="a log, or raw bytes of a line")
-    convert.add_argument("--to", required=True, metavar="FORMAT", help=" or ".join(FORMATS))
+    convert.add_argument("--to", required=True, metavar="FORMAT", help="format to write: csv")
     convert.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE", help="file to write")
     convert.add_argument("--frame", metavar="NAME", help="frame to export; default: the most frequent one")
     convert.set_defaults(run=_export)
@@ -101,63 +144,65 @@ def _baud(text: str) -> int:
 
 
 def _stats(arguments: argparse.Namespace) -> int:
-    print(report(survey(open_source(arguments.log))), end="")
+    from host.source import open_source
+    from host.stats import report, survey
+
+    _say(report(survey(open_source(arguments.log))), end="")
     return 0
 
 
 def _export(arguments: argparse.Namespace) -> int:
+    from host.export import export
+    from host.source import open_source
+
     rows = export(open_source(arguments.log), arguments.to, arguments.output, arguments.frame)
-    print(f"{arguments.output}: {rows:,} rows")
+    _say(f"{arguments.output}: {rows:,} rows")
     return 0
 
 
 def _plot(arguments: argparse.Namespace) -> int:
+    from host.plot import plot
+    from host.source import open_source
+
     for path in plot(open_source(arguments.log), arguments.output):
-        print(path)
+        _say(str(path))
     return 0
 
 
 def _record(arguments: argparse.Namespace) -> int:
-    stop = _StopSignals()
+    from host.record import Recorder, Request
+
+    stop = _Stop()
     progress = _Progress()
     request = Request(arguments.port, arguments.log, arguments.baud, arguments.duration, arguments.once)
     recorder = Recorder(request, stop.is_set, lambda: progress.show(recorder))
-    with stop:
+    with _handling(stop.ask):
         try:
             recorder.run()
         finally:
             progress.end()
-    print(f"{arguments.log}: {_state(recorder)}", file=sys.stderr)
+    _tell(f"{arguments.log}: {_summary(recorder)}")
     return 0
 
 
-class _StopSignals:
-    """Ctrl-C and SIGTERM ask for a clean end while this is entered."""
-
-    _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+class _Stop:
+    """Whether a signal asked for the recording's end: it is a clean one, with status 0."""
 
     def __init__(self) -> None:
-        self._set = False
+        self._asked = False
 
     def is_set(self) -> bool:
-        return self._set
+        return self._asked
 
-    def __enter__(self) -> None:
-        self._before = [signal.signal(number, self._ask) for number in self._SIGNALS]
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in zip(self._SIGNALS, self._before, strict=True):
-            signal.signal(number, handler)
-
-    def _ask(self, _number: int, _frame: FrameType | None) -> None:
-        self._set = True
+    def ask(self, _number: int, _frame: FrameType | None) -> None:
+        self._asked = True
 
 
 class _Progress:
     """How a recording goes, on standard error."""
 
     def __init__(self) -> None:
-        self._is_terminal = sys.stderr.isatty()
+        self._is_terminal = sys.stderr is not None and sys.stderr.isatty()
         self._period_s = _TERMINAL_PROGRESS_S if self._is_terminal else _PLAIN_PROGRESS_S
         self._next_s = time.monotonic() + self._period_s
         self._shown = False
@@ -166,14 +211,13 @@ class _Progress:
         if time.monotonic() < self._next_s:
             return
         self._next_s = time.monotonic() + self._period_s
-        text = _state(recorder)
+        text = f"{recorder.elapsed_s:.1f} s, {_HINT}" if _is_silent(recorder) else _state(recorder)
         self._shown = self._is_terminal
-        print(f"\r{text:<78}" if self._is_terminal else text, end="" if self._is_terminal else "\n", file=sys.stderr)
-        sys.stderr.flush()
+        _tell(f"\r{text:<78}" if self._is_terminal else text, end="" if self._is_terminal else "\n")
 
     def end(self) -> None:
         if self._shown:
-            print(file=sys.stderr)
+            _tell("")
 
 
 def _state(recorder: Recorder) -> str:
@@ -181,3 +225,13 @@ def _state(recorder: Recorder) -> str:
     rate = stream.bytes / elapsed_s if elapsed_s else 0.0
     counts = f"{stream.frames.total():,} frames, {stream.lost:,} lost, {stream.decoder.damaged:,} damaged"
     return f"{elapsed_s:.1f} s, {counts}, {rate:,.0f} bytes/s" + ("" if recorder.connected else ", no port")
+
+
+def _summary(recorder: Recorder) -> str:
+    cut_off = recorder.stream.decoder.cut_off_bytes
+    ending = f", cut off at the end: {cut_off:,} bytes" if cut_off else ""
+    return _state(recorder) + ending + (f"; {_HINT}" if _is_silent(recorder) else "")
+
+
+def _is_silent(recorder: Recorder) -> bool:
+    return recorder.connected and recorder.silent_s >= _SILENT_S

@@ -17,13 +17,17 @@ Floats = NDArray[np.float64]
 JITTER = "arrival jitter"
 # Angles that jump by a turn are drawn without the jump.
 _UNWRAPPED = ("heading", "longitude")
+# At a session's start no solver has run before, and the first step has fewer samples.
+_NOT_IN_THE_FIRST_FRAME = ("solver_cycles", *(f"{sensor}_sum_{axis}" for sensor in ("gyro", "acc") for axis in "xyz"))
+# Clocks that agree better than this count as one.
+_SAME_RATE = 0.01
 _TIMES = ("valid_time", "tick")
 _NAVIGATION = ("valid_time", "latitude", "longitude")
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves with one y axis, and a limit that they should stay below, if there is one.
+    """Curves with one y axis, a limit that they should stay below, if there is one, and a note.
 
     The columns of `lanes` are 0 or 1, each drawn as a bar on its own line.
     """
@@ -32,6 +36,7 @@ class Panel:
     columns: tuple[str, ...]
     lanes: bool = False
     limit: float | None = None
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,8 @@ _NAVIGATION_PLANS: tuple[tuple[str, str, tuple[tuple[str, tuple[str, ...]], ...]
         "Summed increments of each step",
         (
             ("gyroscopes", ("gyro_sum_x", "gyro_sum_y", "gyro_sum_z")),
-            ("accelerometers", ("acc_sum_x", "acc_sum_y", "acc_sum_z")),
+            ("accelerometers x, y", ("acc_sum_x", "acc_sum_y")),
+            ("accelerometer z", ("acc_sum_z",)),
         ),
     ),
 )
@@ -63,8 +69,11 @@ def is_navigation(layout: Layout) -> bool:
     return all(name in layout.by_name for name in _NAVIGATION)
 
 
-def navigation_plans(layout: Layout, seen: Mapping[str, Iterable[str]], has_host_time: bool) -> Iterator[Plan]:
-    """The figures of a navigation frame, as far as it has their fields; `seen` are the words of each field."""
+def navigation_plans(layout: Layout, seen: Mapping[str, Iterable[str]], board_rate: float | None) -> Iterator[Plan]:
+    """The figures of a navigation frame, as far as it has their fields.
+
+    `seen` are the words of each field; `board_rate` are board seconds in a host second, None without host time.
+    """
     fields = layout.by_name
     for name, title, panels in _NAVIGATION_PLANS:
         found = [
@@ -74,18 +83,20 @@ def navigation_plans(layout: Layout, seen: Mapping[str, Iterable[str]], has_host
         ]
         if found:
             yield Plan(name, title, tuple(found))
-    yield from _timing_plan(fields, has_host_time)
+    yield from _timing_plan(fields, board_rate)
     if lanes := _lane_panels(layout.fields, seen):
         yield Plan("status", "Status", lanes)
 
 
-def _timing_plan(fields: Mapping[str, Field], has_host_time: bool) -> Iterator[Plan]:
+def _timing_plan(fields: Mapping[str, Field], board_rate: float | None) -> Iterator[Plan]:
     panels = []
     if "solver_cycles" in fields:
         title = _with_unit("solver", fields["solver_cycles"].unit)
         panels.append(Panel(title, ("solver_cycles",), limit=tick_budget_cycles(fields)))
-    if has_host_time:
-        panels.append(Panel("arrival jitter [ms]", (JITTER,)))
+    if board_rate is not None:
+        is_same = abs(board_rate - 1.0) < _SAME_RATE
+        note = "" if is_same else f"board time runs at host time x {board_rate:.3g}"
+        panels.append(Panel("arrival jitter [ms]", (JITTER,), note=note))
     if counters := tuple(name for name in ("overruns", "lost_samples") if name in fields):
         panels.append(Panel("total", counters))
     if panels:
@@ -105,9 +116,9 @@ def tick_budget_cycles(fields: Mapping[str, Field]) -> float | None:
 def described_plan(layout: Layout, file_name: str, seen: Mapping[str, Iterable[str]]) -> Plan:
     """One figure of a frame that is known from its description alone: a panel for each unit, lanes for the words."""
     by_unit: dict[str, list[str]] = defaultdict(list)
-    time_field = _time_field(layout)
+    time = time_field(layout)
     for field in layout.fields:
-        if field.kind is Kind.QUANTITY and field is not time_field:
+        if field.kind is Kind.QUANTITY and field is not time:
             by_unit[field.unit].append(field.name)
     panels = tuple(
         Panel(_with_unit(names[0] if len(names) == 1 else "", unit), tuple(names)) for unit, names in by_unit.items()
@@ -134,11 +145,18 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]".strip() if unit else name
 
 
-def _time_field(layout: Layout) -> Field | None:
+def time_field(layout: Layout) -> Field | None:
+    """The field that says the board's time, if there is one."""
     for name in _TIMES:
         if name in layout.by_name:
             return layout.by_name[name]
     return next((field for field in layout.fields if field.unit == "s"), None)
+
+
+def on_the_main_branch(values_deg: Floats) -> Floats:
+    """Unwrapped angles, moved by whole turns so that their mean lies in (-180, 180] (nan is no angle)."""
+    mean = np.nanmean(values_deg)
+    return values_deg - 360.0 * np.ceil((mean - 180.0) / 360.0)
 
 
 class Columns:
@@ -149,7 +167,9 @@ class Columns:
 
     TIME = "time"
 
-    def __init__(self) -> None:
+    def __init__(self, board_rate: float = 1.0) -> None:
+        self._board_rate = board_rate
+        self.unwrapped: set[str] = set()
         self.time_title = "board time [s]"
         self.session_starts: list[float] = []
         self._session = 0
@@ -166,8 +186,12 @@ class Columns:
         time = self._board_time(batch, columns)
         if batch.session != self._session:
             self._start_session(batch.session, time[0])
+            for name in _NOT_IN_THE_FIRST_FRAME:
+                if name in columns:
+                    columns[name][0] = np.nan
         for name in _UNWRAPPED:
             if name in columns and batch.layout.by_name[name].unit == "deg":
+                self.unwrapped.add(name)
                 columns[name] = self._unwrap(name, columns[name])
         columns[JITTER] = self._jitter(batch.host_time_s, time)
         columns[self.TIME] = time + self._offset
@@ -175,7 +199,7 @@ class Columns:
         return columns
 
     def _board_time(self, batch: Batch, columns: dict[str, Floats]) -> Floats:
-        field = _time_field(batch.layout)
+        field = time_field(batch.layout)
         if field is not None:
             return columns[field.name]
         if batch.arrivals[0].time_ns is not None:
@@ -197,7 +221,9 @@ class Columns:
             self.session_starts.append(end)
             self._offset = end - first_time
         self._session = session
-        self._last.clear()
+        # An angle goes on on its nearest branch; intervals do not reach over the start.
+        for name in ("host", "board"):
+            self._last.pop(name, None)
 
     def _before(self, name: str, values: Floats) -> Floats:
         """The values with the last one of the batch before in front (the first once more, at a session's start)."""
@@ -211,10 +237,13 @@ class Columns:
         return unwrapped
 
     def _jitter(self, host_time_s: Floats, board_time_s: Floats) -> Floats:
-        """Interval between arrivals less the interval of the board's times, ms: no drift of clocks adds up in it."""
+        """Interval between arrivals less the interval of the board's times at the host's rate, ms.
+
+        No drift of clocks adds up in it.
+        """
         arrival = np.diff(self._before("host", host_time_s))
         nominal = np.diff(self._before("board", board_time_s))
-        return (arrival - nominal) * 1e3
+        return (arrival - nominal / self._board_rate) * 1e3
 
 
 def _lanes(field: Field, values: NDArray[np.int64]) -> Iterator[tuple[str, Floats]]:
@@ -258,6 +287,8 @@ class Thinner:
     def rows(self) -> Floats:
         """The kept rows, with a row of nan wherever the curve is interrupted: at a new piece and at a gap in time."""
         self.interrupt()
+        if not self._kept:
+            return np.full((1, 1 + len(self._watched)), np.nan)
         rows = np.concatenate(self._kept[:-1])
         # Neighbours of two whole groups are at most two groups apart.
         gaps = np.flatnonzero(np.diff(rows[:, 0]) > 2.5 * self._stride * self._step) + 1

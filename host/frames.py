@@ -46,14 +46,15 @@ class Decoder:
     After a wrong CRC it searches from the byte after the first start byte of what failed, so only frames that were
     hit are lost. Start bytes that are no frame's can delay what follows by at most 263 bytes, never swallow it.
 
-    `damaged` counts start bytes whose CRC was wrong, or that the stream's end cut off; `skipped_bytes` counts the
-    bytes that belong to no undamaged frame. A frame that was hit counts once in `damaged`, and once more for each
-    pair of start bytes inside it.
+    `damaged` counts start bytes whose CRC was wrong. A frame that was hit counts once, and once more for each pair of
+    start bytes inside it. `cut_off_bytes` counts what the stream's end left of a frame; `skipped_bytes` counts the
+    other bytes that belong to no undamaged frame.
     """
 
     def __init__(self) -> None:
         self.damaged = 0
         self.skipped_bytes = 0
+        self.cut_off_bytes = 0
         self._pending = b""
 
     @property
@@ -73,6 +74,8 @@ class Decoder:
         frames: list[Frame] = []
         available = len(buffer)
         position = 0
+        # The first start since the last whole frame whose frame runs past the end, and the counts before it.
+        cut: tuple[int, int, int] | None = None
         while (start := buffer.find(START, position)) >= 0:
             if start != position:
                 self.skipped_bytes += start - position
@@ -83,17 +86,24 @@ class Decoder:
             if stop > available:
                 if not at_end:
                     break
+                cut = cut or (start, self.damaged, self.skipped_bytes)
             elif zlib.crc32(buffer[body:crc_at]) == _read_crc(buffer, crc_at)[0]:
                 frames.append(Frame(buffer[body], buffer[start + HEADER_BYTES : crc_at]))
                 position = stop
+                cut = None
                 continue
             self.damaged += 1
             self.skipped_bytes += 1
             position = start + 1
         if start < 0:
             # The last byte may be the first half of a start.
-            keep = 1 if not at_end and buffer[position:].endswith(START[:1]) else 0
-            self.skipped_bytes += available - keep - position
-            position = available - keep
+            half_start = 1 if buffer[position:].endswith(START[:1]) else 0
+            self.skipped_bytes += available - half_start - position
+            position = available - half_start
+        if at_end:
+            if cut is not None:
+                position, self.damaged, self.skipped_bytes = cut
+            self.cut_off_bytes += available - position
+            position = available
         self._pending = buffer[position:]
         return frames

@@ -7,6 +7,7 @@ import os
 import stat
 from types import TracebackType
 from typing import Any
+from urllib.parse import urlsplit
 
 import serial
 
@@ -16,6 +17,7 @@ DEFAULT_BAUD = 115_200
 # How long a read waits for the first byte: also how soon a stop is noticed.
 READ_TIMEOUT_S = 0.1
 _GATHER_BYTES = 4096
+_NETWORK_SCHEMES = ("socket", "rfc2217")
 
 
 class LinkLost(Exception):  # noqa: N818 - an event of the line, not somebody's error
@@ -92,7 +94,10 @@ class Link:
 
     def _check(self) -> None:
         """Says what a path is that is no serial port, in better words than the terminal's functions have."""
-        if self.is_url or os.name == "nt":
+        if self.is_url:
+            self._check_url()
+            return
+        if os.name == "nt":
             return
         try:
             mode = os.stat(self.port).st_mode  # noqa: PTH116
@@ -104,6 +109,18 @@ class Link:
             raise UsageError(f"port {self.port}: expected a serial port, found a file (recorded bytes go to `stats`)")
         if self._leads_to_the_lost_pty():
             raise UsageError(f"port {self.port}: leads to a pty that was closed")
+
+    def _check_url(self) -> None:
+        scheme = self.port.partition("://")[0]
+        if scheme not in _NETWORK_SCHEMES:
+            return
+        try:
+            parts = urlsplit(self.port)
+            is_whole = bool(parts.hostname and parts.port)
+        except ValueError:
+            is_whole = False
+        if not is_whole:
+            raise UsageError(f"port {self.port}: expected {scheme}://HOST:PORT with PORT from 1 to 65535")
 
     def _leads_to_the_lost_pty(self) -> bool:
         """A closed pty never comes back, but its number does, as somebody else's terminal."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import stat
 import struct
+import sys
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,6 +21,9 @@ from pathlib import Path
 from types import TracebackType
 
 from host.errors import UsageError
+
+if sys.platform != "win32":
+    import fcntl
 
 MAGIC = b"\x93NAVLOG\n"
 VERSION = 1
@@ -85,13 +89,15 @@ def is_log(path: Path) -> bool:
 
 
 def check_appendable(path: Path) -> None:
-    """Raises UsageError unless a recording may go to this file: a new or empty one, or a log."""
+    """Raises UsageError unless a recording may go to this file: a new or empty one, or a log that nobody writes."""
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
             raise UsageError(f"{path}: expected a file to record to, found something else")
         if status.st_size and not is_log(path):
             raise UsageError(f"{path}: expected a new file or a log to append to, found a file that is not a log")
+        with path.open("rb") as file:
+            _lock(file.fileno(), path, exclusive=False)
     except FileNotFoundError:
         if not path.parent.is_dir():
             raise UsageError(f"{path}: there is no directory {path.parent}") from None
@@ -99,11 +105,27 @@ def check_appendable(path: Path) -> None:
         raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
 
 
-class LogWriter:
-    """Appends chunks to a log; nothing is buffered in this process.
+def _lock(fd: int, path: Path, exclusive: bool) -> None:
+    """Takes a lock that ends with the open file; a look (not exclusive) hinders no other look.
 
-    Raises UsageError when the file is not a log, cannot be opened or cannot take more; what was written before an
-    error stays readable.
+    Raises UsageError when somebody else writes to the file.
+    """
+    if sys.platform == "win32":
+        return
+    try:
+        fcntl.flock(fd, (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UsageError(f"{path}: expected a log that nobody writes to, found that another recorder does") from None
+    except OSError:
+        # A file system without locks: the log is as good without one.
+        return
+
+
+class LogWriter:
+    """Appends chunks to a log, as its only writer; nothing is buffered in this process.
+
+    Raises UsageError when the file is not a log, has a writer, cannot be opened or cannot take more; what was written
+    before an error stays readable.
     """
 
     def __init__(self, path: Path) -> None:
@@ -113,15 +135,16 @@ class LogWriter:
             self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
         except OSError as error:
             raise UsageError(f"{path}: cannot be opened for writing: {error.strerror}") from None
-        self._size = os.fstat(self._fd).st_size
-        if self._size < _FILE_HEADER.size:
-            try:
+        try:
+            _lock(self._fd, path, exclusive=True)
+            self._size = os.fstat(self._fd).st_size
+            if self._size < _FILE_HEADER.size:
                 os.ftruncate(self._fd, 0)
                 self._size = 0
                 self._append(_FILE_HEADER.pack(MAGIC, VERSION))
-            except BaseException:
-                self.close()
-                raise
+        except BaseException:
+            self.close()
+            raise
 
     def __enter__(self) -> LogWriter:
         return self

@@ -11,7 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from host.curves import Columns, Floats, Panel, Plan, Thinner, described_plan, is_navigation, navigation_plans
+from host.curves import (
+    Columns,
+    Floats,
+    Panel,
+    Plan,
+    Thinner,
+    described_plan,
+    is_navigation,
+    navigation_plans,
+    on_the_main_branch,
+)
 from host.errors import UsageError
 from host.files import replacing
 from host.schema import Layout
@@ -39,7 +49,8 @@ _STYLE = {
 # WGS 84, to give the track a scale in metres.
 _EARTH_RADIUS_M = 6_378_137.0
 _EARTH_E2 = 6.694_379_990_14e-3
-_LEAST_HALF_SIDE_M = 0.5
+# A few units of the described position (6 mm).
+_LEAST_HALF_SIDE_M = 0.05
 _NEAR_LIMIT = 0.3
 
 
@@ -110,14 +121,19 @@ def _charts(found: Survey) -> dict[str, _Chart]:
         navigation = is_navigation(layout) and not has_navigation
         if navigation:
             has_navigation = True
-            plans = list(navigation_plans(layout, seen, found.source.is_log))
+            plans = list(navigation_plans(layout, seen, found.board_rate(name)))
         else:
             plans = [described_plan(layout, _file_name(layout, taken), seen)]
         taken.update(plan.name for plan in plans)
         curves = {
             column: Thinner(stride, watched=[1]) for plan in plans for panel in plan.panels for column in panel.columns
         }
-        charts[name] = _Chart(plans, Columns(), curves, Thinner(stride, watched=[1, 2]) if navigation else None)
+        charts[name] = _Chart(
+            plans,
+            Columns(found.board_rate(name) or 1.0),
+            curves,
+            Thinner(stride, watched=[1, 2]) if navigation else None,
+        )
     return charts
 
 
@@ -141,7 +157,8 @@ def _read(source: Source, charts: dict[str, _Chart]) -> None:
         time = columns[Columns.TIME]
         for column, thinner in chart.curves.items():
             if column in columns:
-                thinner.add(np.column_stack((time, columns[column])))
+                known = ~np.isnan(columns[column])
+                thinner.add(np.column_stack((time[known], columns[column][known])))
         if chart.track is not None and is_navigation(batch.layout):
             chart.track.add(np.column_stack((time, columns["longitude"], columns["latitude"])))
 
@@ -169,7 +186,7 @@ def _draw_plan(pyplot: Any, source: Source, plan: Plan, chart: _Chart) -> Any:
     _head(figure, source, plan.title)
     for axis, panel in zip(axes[:, 0], plan.panels, strict=True):
         draw = _draw_lanes if panel.lanes else _draw_curves
-        draw(axis, panel, chart.curves)
+        draw(axis, panel, chart)
         for start in chart.columns.session_starts:
             axis.axvline(start, color="0.4", linewidth=0.8, linestyle=":")
     time_title = chart.columns.time_title
@@ -188,31 +205,48 @@ def _head(figure: Any, source: Source, title: str) -> None:
     figure.suptitle(f"{title} — {source.path.name}", x=0.01, ha="left", fontsize="large")
 
 
-def _draw_curves(axis: Any, panel: Panel, curves: dict[str, Thinner]) -> None:
+def _draw_curves(axis: Any, panel: Panel, chart: _Chart) -> None:
+    drawn: list[Floats] = []
     for number, column in enumerate(panel.columns):
-        rows = curves[column].rows()
+        rows = chart.curves[column].rows()
+        known = ~np.isnan(rows[:, 1])
+        if column in chart.columns.unwrapped and known.any():
+            rows[:, 1] = on_the_main_branch(rows[:, 1])
+        drawn.append(rows[known, 1])
         axis.plot(rows[:, 0], rows[:, 1], color=_COLOURS[number % _MANY_CURVES], label=column)
     axis.set_ylabel(panel.title)
     axis.margins(x=0.01)
     axis.ticklabel_format(axis="y", useOffset=False)
-    if panel.limit is not None:
-        _draw_limit(axis, panel.limit)
+    values = np.concatenate(drawn)
+    _scale(axis, values)
+    if panel.note:
+        axis.set_title(panel.note, loc="right")
+    if panel.limit is not None and len(values):
+        _draw_limit(axis, panel.limit, float(values.max()))
     if len(panel.columns) > 1:
         axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=_MANY_CURVES, borderaxespad=0.0)
 
 
-def _draw_limit(axis: Any, limit: float) -> None:
+def _scale(axis: Any, values: Floats) -> None:
+    """Whole numbers get whole ticks, and what is always zero an axis from 0 to 1."""
+    if not values.any():
+        axis.set_ylim(-0.05, 1.05)
+        axis.set_yticks((0, 1))
+    elif np.array_equal(values, np.round(values)):
+        axis.locator_params(axis="y", integer=True)
+
+
+def _draw_limit(axis: Any, limit: float, peak: float) -> None:
     """Says how much of the limit the peak takes; draws the line only where it does not press the curve flat."""
-    peak = axis.dataLim.y1
     axis.set_title(f"peak {peak:,.0f} = {peak / limit:.1%} of the tick's {limit:,.0f}", loc="right")
     if peak > _NEAR_LIMIT * limit:
         axis.axhline(limit, color=_COLOURS[1], linewidth=1.0, linestyle="--")
 
 
-def _draw_lanes(axis: Any, panel: Panel, curves: dict[str, Thinner]) -> None:
+def _draw_lanes(axis: Any, panel: Panel, chart: _Chart) -> None:
     names = [column.removeprefix(f"{panel.title}: ") for column in panel.columns]
     for number, column in enumerate(panel.columns):
-        rows = curves[column].rows()
+        rows = chart.curves[column].rows()
         axis.fill_between(
             rows[:, 0],
             number + 0.35,
@@ -231,11 +265,11 @@ def _draw_track(pyplot: Any, source: Source, rows: Floats) -> Any:
     """Longitude against latitude with one scale in metres, which the upper and right axes show from the start."""
     figure, axis = pyplot.subplots(figsize=(9.0, 8.0), layout="constrained")
     _head(figure, source, "Track")
-    longitude, latitude = rows[:, 1], rows[:, 2]
+    longitude, latitude = on_the_main_branch(rows[:, 1]), rows[:, 2]
     known = ~np.isnan(longitude)
     axis.plot(longitude, latitude, color=_COLOURS[0])
-    axis.plot(longitude[0], latitude[0], "o", color=_COLOURS[2], label="start")
-    axis.plot(longitude[-1], latitude[-1], "s", color=_COLOURS[1], label="end")
+    axis.plot(longitude[0], latitude[0], "o", color=_COLOURS[2], markersize=13, label="start")
+    axis.plot(longitude[-1], latitude[-1], "s", color=_COLOURS[1], markersize=6, label="end")
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.07), ncols=2, borderaxespad=0.0)
     east_m, north_m = _metres_per_degree(float(latitude[0]))
     # A square of one scale in metres, with a margin around the longer side.

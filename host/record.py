@@ -42,7 +42,7 @@ class Clock:
 
 
 class Recorder:
-    """One recording; `stream` and `elapsed_s` say how it goes.
+    """One recording; `stream`, `elapsed_s` and `silent_s` (since something came last) say how it goes.
 
     `run` ends when `should_stop()` says so, after the duration, or (with `once`) when the port is gone. It raises
     UsageError when the port cannot be opened at the start or the log cannot be written.
@@ -55,10 +55,15 @@ class Recorder:
         self._should_stop = should_stop
         self._progress = progress
         self._clock = Clock()
+        self._heard_s = 0.0
 
     @property
     def elapsed_s(self) -> float:
         return self._clock.elapsed_ns() * 1e-9
+
+    @property
+    def silent_s(self) -> float:
+        return self.elapsed_s - self._heard_s
 
     def run(self) -> None:
         # Opening a port discards what waits in it: look at the log first, and make none for a port that is not there.
@@ -81,6 +86,7 @@ class Recorder:
                 continue
             if data:
                 now_ns = self._clock.now_ns()
+                self._heard_s = self.elapsed_s
                 log.data(now_ns, data)
                 self.stream.feed(data, now_ns)
             self._progress()
@@ -103,5 +109,6 @@ class Recorder:
                 time.sleep(_REOPEN_POLL_S)
                 continue
             log.event(self._clock.now_ns(), Kind.REOPENED, link.port)
+            self._heard_s = self.elapsed_s
             return True
         return False

@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from host.curves import time_field
 from host.errors import UsageError
+from host.rates import BoardRate
 from host.schema import DESCRIPTION_TYPE, Field, Kind, Layout
 from host.source import Batch, Recording, Source, utc_text
 from host.stream import Stream
@@ -24,6 +26,7 @@ class Survey:
     recording: Recording = field(default_factory=Recording)
     frames: Counter[Layout] = field(default_factory=Counter)
     words: dict[tuple[str, str], Counter[str]] = field(default_factory=dict)
+    rates: dict[str, BoardRate] = field(default_factory=dict)
 
     @property
     def stream(self) -> Stream:
@@ -42,6 +45,10 @@ class Survey:
             totals[layout.name] += count
         return [name for name, _ in totals.most_common()]
 
+    def board_rate(self, frame_name: str) -> float | None:
+        """Board seconds in a host second by the frames of this name; None where it cannot be known."""
+        return self.rates[frame_name].value() if frame_name in self.rates else None
+
     def layouts(self, frame_name: str) -> list[Layout]:
         """Every layout that frames of this name had, in the order of their first frame."""
         return [layout for layout in self.frames if layout.name == frame_name]
@@ -53,6 +60,9 @@ def survey(source: Source) -> Survey:
     for batch in source.batches(result.recording):
         result.frames[batch.layout] += len(batch.arrivals)
         _count_words(batch, result.words)
+        if (time := time_field(batch.layout)) is not None:
+            rate = result.rates.setdefault(batch.layout.name, BoardRate())
+            rate.add(batch.session, batch.columns[time.name], batch.host_time_s)
     return result
 
 
@@ -107,12 +117,17 @@ def _summary(found: Survey) -> Iterator[str]:
     decoder = stream.decoder
     yield f"frames    {stream.frames.total():,} received, {stream.lost:,} lost, {decoder.damaged:,} damaged"
     yield f"skipped   {decoder.skipped_bytes:,} bytes that belong to no undamaged frame"
+    if decoder.cut_off_bytes:
+        yield f"cut off   at the end: {decoder.cut_off_bytes:,} bytes of a frame"
     if stream.malformed_descriptions:
         yield f"described {stream.malformed_descriptions:,} malformed descriptions"
 
 
 def _frames(found: Survey) -> Iterator[str]:
     stream = found.stream
+    if not stream.frames:
+        yield "no frame"
+        return
     names = {layout.type: layout.name for layout in found.frames}
     names[DESCRIPTION_TYPE] = "(field descriptions)"
     head = f"{'type':>4}  {'frame':<22}{'received':>10}{'lost':>8}{'duplicate':>10}"

@@ -63,7 +63,7 @@ def test_frame_and_its_bytes_both_ways(frame: Frame, text: str) -> None:
     with_junk = Decoder()
     assert with_junk.feed(b"\x00\xeb" + line + b"\xeb\x90\xff") == [frame]
     assert with_junk.finish() == []
-    assert with_junk.skipped_bytes == 5
+    assert (with_junk.damaged, with_junk.skipped_bytes, with_junk.cut_off_bytes) == (0, 2, 3)
 
 
 def test_a_frame_comes_with_its_last_byte() -> None:
@@ -101,6 +101,22 @@ def test_the_end_of_the_stream_frees_what_a_false_header_holds() -> None:
     assert decoder.feed(encode(3, b"z")) == [Frame(3, b"z")]
 
 
+def test_a_stream_that_ends_inside_a_frame_is_cut_off_not_damaged() -> None:
+    whole = encode(1, b"before")
+    # Start bytes, and a whole frame with a wrong CRC, inside the payload.
+    last = encode(2, b"\xeb\x90\x01\x00\x01\x02\x03\x04" + b"\xeb\x90" * 9)
+    for length in range(1, len(last)):
+        found, decoder = decode([whole + last[:length]])
+        assert found == [Frame(1, b"before")]
+        assert (decoder.damaged, decoder.skipped_bytes, decoder.cut_off_bytes) == (0, 0, length)
+
+
+def test_a_false_header_before_the_end_was_damaged() -> None:
+    found, decoder = decode([b"\xeb\x90\x01\xff" + encode(1, b"x") + encode(2, b"yz")[:-1]])
+    assert found == [Frame(1, b"x")]
+    assert (decoder.damaged, decoder.skipped_bytes, decoder.cut_off_bytes) == (1, 4, 9)
+
+
 def test_one_changed_byte_costs_one_frame() -> None:
     lines = [encode(1, bytes([number]) * 30) for number in range(3)]
     for position in range(len(lines[1])):
@@ -136,7 +152,7 @@ def test_damaged_stream_gives_what_the_reference_finds(data: st.DataObject) -> N
     found, decoder = decode(cut(bytes(stream), data.draw(pieces)))
     assert found == reference(bytes(stream))
     used = sum(len(frame.payload) + OVERHEAD_BYTES for frame in found)
-    assert decoder.skipped_bytes == len(stream) - used
+    assert decoder.skipped_bytes + decoder.cut_off_bytes == len(stream) - used
 
 
 def test_a_million_bytes_of_noise_cost_no_frame() -> None:

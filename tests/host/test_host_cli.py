@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,20 @@ from host.cli import main
 from host.log import MAGIC
 
 RUN = "import sys; from host.cli import main; sys.exit(main())"
+# A writer that stays in the middle of its file, in a shell's background job: Ctrl-C is ignored at the start.
+RUN_A_SLOW_EXPORT = """
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+import host.export
+from host.cli import main
+def write_slowly(path, titles, rows):
+    path.write_text("half")
+    time.sleep(60)
+host.export.FORMATS["csv"] = write_slowly
+sys.exit(main())
+"""
+# Only a hang meets this limit.
+PATIENCE_S = 30.0
 
 # Arguments ({} is a directory with the files of `place`), and what the sentence must say.
 MISTAKES = [
@@ -24,6 +40,9 @@ MISTAKES = [
     ("record {}/text --log {}/new", "expected a serial port, found a file"),
     ("record /dev/null --log {}/new", "port /dev/null: cannot be opened"),
     ("record socket://127.0.0.1:1 --log {}/new", "port socket://127.0.0.1:1: cannot be opened"),
+    ("record socket://localhost --log {}/new", "expected socket://HOST:PORT with PORT from 1 to 65535"),
+    ("record socket://localhost:70000 --log {}/new", "expected socket://HOST:PORT with PORT from 1 to 65535"),
+    ("record rfc2217://:5 --log {}/new", "expected rfc2217://HOST:PORT with PORT from 1 to 65535"),
     ("record nonsense://x --log {}/new", "port nonsense://x: cannot be opened"),
     ("record {}/none --log {}/text", "text: expected a new file or a log to append to"),
     ("record {}/none --log {}/dir", "dir: expected a file to record to"),
@@ -101,9 +120,50 @@ def test_an_interrupt_is_status_130(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("host.cli.survey", interrupted)
+    monkeypatch.setattr("host.stats.survey", interrupted)
     assert main(["stats", str(place / "line")]) == 130
     assert capsys.readouterr().err == "nav-host: interrupted\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_no_half_written_file(place: Path, number: signal.Signals) -> None:
+    before = sorted(place.iterdir())
+    arguments = ["export", str(place / "line"), "--to", "csv", "-o", str(place / "new.csv")]
+    with subprocess.Popen(
+        [sys.executable, "-c", RUN_A_SLOW_EXPORT, *arguments], stderr=subprocess.PIPE, text=True
+    ) as process:
+        deadline = time.monotonic() + PATIENCE_S
+        while not any(path.suffix == ".part" for path in place.iterdir()):
+            assert time.monotonic() < deadline, "waited in vain"
+            time.sleep(0.01)
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, errors) == (130, "nav-host: interrupted\n")
+    assert sorted(place.iterdir()) == before
+
+
+def test_the_handlers_of_the_caller_come_back(place: Path) -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    assert main(["stats", str(place / "none")]) == 2
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_nothing_slow_is_imported_before_signals_are_handled() -> None:
+    code = "import sys, host.cli; print({'numpy', 'matplotlib', 'serial'} & set(sys.modules))"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "set()\n"
+
+
+@pytest.mark.parametrize("arguments", ["stats {}/line", "export {}/line --to csv -o {}/new.csv", "--help"])
+@pytest.mark.parametrize(
+    ("redirection", "reason"), [(">/dev/full", "No space left on device"), (">&-", "it is closed")]
+)
+def test_output_that_cannot_be_written_is_one_sentence(
+    place: Path, arguments: str, redirection: str, reason: str
+) -> None:
+    command = [sys.executable, "-c", RUN, *arguments.replace("{}", str(place)).split()]
+    shell = ["sh", "-c", f'"$@" {redirection}', "sh", *command]
+    done = subprocess.run(shell, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, f"nav-host: standard output: cannot be written: {reason}\n")
 
 
 def test_a_closed_pipe_is_no_error(place: Path) -> None:

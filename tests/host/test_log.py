@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from host.errors import UsageError
-from host.log import MAGIC, Chunk, Damage, Event, Item, Kind, LogWriter, read_log
+from host.log import MAGIC, Chunk, Damage, Event, Item, Kind, LogWriter, check_appendable, read_log
 
 
 def write(path: Path, count: int = 40) -> list[Item]:
@@ -120,6 +120,18 @@ def test_a_full_disk_ends_in_one_sentence_and_a_whole_log(tmp_path: Path, monkey
         with pytest.raises(UsageError, match="No space left on device"):
             log.data(fitting, b"0123456789")
     assert list(read_log(path)) == [Chunk(number, b"0123456789") for number in range(fitting)]
+
+
+def test_a_second_writer_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    with LogWriter(path) as log:
+        for attempt in (LogWriter, check_appendable):
+            with pytest.raises(UsageError, match="another recorder does"):
+                attempt(path)
+        log.data(1, b"a")
+    with LogWriter(path) as log:
+        log.data(2, b"b")
+    assert list(read_log(path)) == [Chunk(1, b"a"), Chunk(2, b"b")]
 
 
 def test_unknown_kinds_of_chunks_are_passed_over(tmp_path: Path) -> None:

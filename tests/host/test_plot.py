@@ -11,9 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from host import plot as plot_module
-from host.curves import JITTER, Columns, Thinner, described_plan, tick_budget_cycles
+from host.curves import (
+    JITTER,
+    Columns,
+    Thinner,
+    described_plan,
+    navigation_plans,
+    on_the_main_branch,
+    tick_budget_cycles,
+)
 from host.log import Kind, LogWriter
 from host.plot import plot
+from host.rates import BoardRate
 from host.source import Batch, Recording, open_source
 from host.stats import survey
 
@@ -75,7 +84,11 @@ def test_columns_over_batches_and_sessions(tmp_path: Path, kit: Any) -> None:
     heading = np.concatenate([batch["heading"] for batch in batches])
     # 3 deg/s from 350 deg; a single below 512 deg has units of 2^-15 deg.
     assert heading[:5000] == pytest.approx(350 + 0.06 * np.arange(5000), abs=2**-15)
-    assert heading[5000] == 350.0
+    # The second session goes on from 649.94 deg on the nearest branch of 350 deg.
+    assert heading[5000] == 710.0
+    first = batches[0]
+    assert all(np.flatnonzero(np.isnan(first[name])).tolist() == [0] for name in ("solver_cycles", "acc_sum_z"))
+    assert np.flatnonzero(np.isnan(np.concatenate([batch["gyro_sum_x"] for batch in batches]))).tolist() == [0, 5000]
     assert np.array_equal(np.concatenate([batch["mode: coarse"] for batch in batches])[98:102], [1, 1, 0, 0])
     assert np.flatnonzero(np.concatenate([batch["flags: overrun"] for batch in batches])).tolist()[:2] == [7, 507]
 
@@ -99,6 +112,75 @@ def test_jitter_is_arrival_against_the_board(tmp_path: Path, kit: Any) -> None:
     _, (batch,) = columns_of(path)
     # A float of seconds since 1970 has a resolution of 0.24 us.
     assert batch[JITTER] == pytest.approx([0, 0, 3, -3, 0], abs=1e-3)
+
+
+def fast_log(path: Path, kit: Any, rate: int) -> None:
+    """A board at so many times real time; each tenth frame comes a millisecond late."""
+    with LogWriter(path) as log:
+        log.event(START_NS, Kind.OPENED, "port")
+        log.data(START_NS, kit.descriptions())
+        for number in range(500):
+            late_ns = 1_000_000 if number % 10 == 5 else 0
+            log.data(START_NS + number * SECOND_NS // 50 // rate + late_ns, kit.Flight().frame(number))
+
+
+@pytest.mark.parametrize(("rate", "note"), [(1, ""), (40, "board time runs at host time x 40")])
+def test_jitter_of_a_board_at_another_rate(tmp_path: Path, kit: Any, rate: int, note: str) -> None:
+    fast_log(tmp_path / "a.log", kit, rate)
+    found = survey(open_source(tmp_path / "a.log"))
+    measured = found.board_rate("navigation")
+    # Half of ten seconds' points, each within a float's 0.24 us of host time.
+    assert measured == pytest.approx(rate, rel=1e-4)
+    (layout,) = found.frames
+    plans = {plan.name: plan for plan in navigation_plans(layout, {}, measured)}
+    assert plans["timing"].panels[1].note == note
+    (batch,) = open_source(tmp_path / "a.log").batches(Recording())
+    jitter = Columns(measured or 1.0).of(batch)[JITTER]
+    # 20 ms by the rate's error, and the floats' resolution
+    assert jitter[:8] == pytest.approx([0, 0, 0, 0, 0, 1, -1, 0], abs=3e-3)
+
+
+def test_the_rate_survives_a_burst_at_the_start() -> None:
+    board_s = np.arange(1000) * 0.02
+    host_s = np.maximum(board_s, 4.0)
+    rate = BoardRate()
+    rate.add(1, board_s, host_s)
+    rate.add(2, board_s, board_s + 1e5)
+    # Differences of floats near 1e5 s
+    assert rate.value() == pytest.approx(1.0, rel=1e-9)
+    assert BoardRate().value() is None
+    unknown = BoardRate()
+    unknown.add(1, board_s, np.full(1000, np.nan))
+    assert unknown.value() is None
+
+
+@pytest.mark.parametrize(
+    ("values", "drawn"), [([358, 362], [-2, 2]), ([180, 180], [180, 180]), ([-181, -183], [179, 177])]
+)
+def test_the_branch_of_an_angle(values: list[float], drawn: list[float]) -> None:
+    assert on_the_main_branch(np.array([*values, np.nan]))[:2].tolist() == drawn
+
+
+def test_axes_of_counters_and_of_a_board_at_rest(tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    raw, seen, draw = tmp_path / "line.bin", {}, plot_module._drawn
+    still = [kit.Flight().raw(0) | {"sequence": number, "valid_time": 20 * number} for number in range(3)]
+    raw.write_bytes(kit.descriptions() + b"".join(kit.frame(1, kit.payload(kit.NAVIGATION, each)) for each in still))
+
+    def watch(*arguments: Any) -> Any:
+        for name, figure in draw(*arguments):
+            figure.canvas.draw()
+            seen[name] = figure.axes
+            yield name, figure
+
+    monkeypatch.setattr(plot_module, "_drawn", watch)
+    plot(open_source(raw), tmp_path)
+    assert seen["timing"][1].get_yticks().tolist() == [0, 1]
+    _, start, end = seen["track"][0].get_lines()
+    assert start.get_markersize() > 1.5 * end.get_markersize()
+    assert start.get_marker() != end.get_marker()
+    low, high = seen["track"][0].get_ylim()
+    # 0.1 m of latitude; a degree has 110.6 to 111.7 km.
+    assert (high - low) * 111e3 == pytest.approx(0.1, rel=0.01)
 
 
 def test_the_budget_follows_from_the_scales(tmp_path: Path, kit: Any) -> None:
@@ -157,11 +239,17 @@ def test_figures_of_a_log(tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPa
     assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == sorted(f"{name}.png" for name in names)
     assert all(path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n") for path in paths)
     assert [label for _, label, _ in seen["attitude"]] == ["pitch [deg]", "roll [deg]", "heading, unwrapped [deg]"]
+    # 350 to 710 deg: the mean, 530 deg, is drawn as 170 deg.
+    assert [label for _, label, _ in seen["increments"]] == [
+        "gyroscopes [deg]",
+        "accelerometers x, y [m/s]",
+        "accelerometer z [m/s]",
+    ]
     assert [label for _, label, _ in seen["timing"]] == ["solver [cycles]", "arrival jitter [ms]", "total"]
     assert [line.get_label() for line in seen["velocity"][0][2]] == ["vel_east", "vel_north"]
     assert seen["attitude"][-1][0] == "board time [s]"
     heading = seen["attitude"][2][2][0].get_xydata()
-    assert heading[-1] == pytest.approx([119.98, 350 + 3 * 119.98], abs=1e-4)
+    assert heading[-1] == pytest.approx([119.98, 350 + 3 * 119.98 - 360], abs=1e-4)
     assert seen["track"][0][:2] == ("longitude [deg]", "latitude [deg]")
     east, north = seen["track"][0][2][0].get_data()
     assert (east[0], north[0]) == pytest.approx((37.6, 55.8), abs=1e-7)

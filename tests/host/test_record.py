@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 
+from host.cli import main
 from host.errors import UsageError
 from host.link import Link, LinkLost
 from host.log import Chunk, Event, Kind, is_log, read_log
@@ -223,6 +224,30 @@ def test_signals_end_it_cleanly(tmp_path: Path, kit: Any, number: signal.Signals
     # 60 navigation frames and twice the description of 27 fields
     assert "114 frames, 0 lost, 0 damaged" in errors
     assert events(log)[-1] is Kind.STOPPED
+
+
+def test_a_second_recorder_of_a_log_is_refused_and_takes_no_byte(tmp_path: Path) -> None:
+    first, second, log = Pty(tmp_path / "port"), Pty(tmp_path / "other"), tmp_path / "a.log"
+    with recording(str(first.link), log):
+        second.write(b"waiting\n")
+        with program("record", str(second.link), "--log", str(log)) as process:
+            _, errors = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 2
+        assert errors == f"nav-host: {log}: expected a log that nobody writes to, found that another recorder does\n"
+        # Opening the port would have discarded this.
+        assert os.read(second._slave, 100) == b"waiting\n"
+    for pty in (first, second):
+        pty.close(remove_link=True)
+    assert events(log) == [Kind.OPENED, Kind.STOPPED]
+
+
+def test_a_silent_line_gets_a_hint(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pty, hint = Pty(tmp_path / "port"), "nothing arrives: is another receiver attached, or the board silent?"
+    assert main(["record", str(pty.link), "--log", str(tmp_path / "a.log"), "--duration", "3.2"]) == 0
+    assert capsys.readouterr().err.endswith(f"0 bytes/s; {hint}\n")
+    assert main(["record", str(pty.link), "--log", str(tmp_path / "b.log"), "--duration", "0.1"]) == 0
+    assert hint not in capsys.readouterr().err
+    pty.close(remove_link=True)
 
 
 def test_a_full_disk_is_one_sentence(tmp_path: Path, kit: Any) -> None:

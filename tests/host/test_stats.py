@@ -75,6 +75,24 @@ def test_page_of_raw_bytes_has_no_times(tmp_path: Path, kit: Any) -> None:
     assert "/s" not in page.split("fields of")[0]
 
 
+def test_a_recording_that_ends_inside_a_frame(tmp_path: Path, kit: Any) -> None:
+    path = tmp_path / "line.bin"
+    path.write_bytes(kit.Flight().line(70)[:-75])
+    page = report(survey(open_source(path)))
+    assert "0 lost, 0 damaged" in page
+    assert "skipped   0 bytes" in page
+    assert "cut off   at the end: 33 bytes of a frame" in page
+
+
+def test_a_log_without_a_frame_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    with LogWriter(path) as log:
+        log.event(1, Kind.OPENED, "port")
+    page = report(survey(open_source(path)))
+    assert "\nno frame\n" in page
+    assert "undecoded" not in page
+
+
 def test_many_events_are_cut_short(tmp_path: Path, kit: Any) -> None:
     path = tmp_path / "a.log"
     with LogWriter(path) as log:
