@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil
@@ -68,7 +69,7 @@ def ignore(*_: Any) -> None:
     """For a caller who does not listen."""
 
 
-class BoardRun:
+class BoardRun(ABC):
     """One flight in progress: plant, board and line. What runs on the processor is a subclass's."""
 
     processor: Processor
@@ -125,21 +126,18 @@ class BoardRun:
         self.line.close()
         return self._report(flown_s, ticks * self.sheet.tick_cycles / self.sheet.h1_hz)
 
+    @abstractmethod
     def _prepare(self) -> None:
         """Compile before the clock starts."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _report(self, wall_s: float, flown_s: float) -> Report:
-        raise NotImplementedError
+        """What the flight of ``flown_s`` was, which took ``wall_s``."""
 
     def _run_slice(self, until: int) -> None:
         while self.board.samples_until <= until and (block := self._next_block()) is not None:
             self.board.load_samples(self.converter.convert(block.increments, block.height))
-            self._on_block(block)
         self.board.run(self.processor, until)
-
-    def _on_block(self, block: Block) -> None:
-        """A block of samples was given to the A/D."""
 
     def _next_block(self) -> Block | None:
         block = self.source.read(max(1, ceil(self.sheet.adc.rate_hz)))
@@ -192,8 +190,11 @@ class _NativeRun(BoardRun):
         super()._run_slice(until)
         self.log.close_slice(self.vs_truth, self.vs_double)
 
-    def _on_block(self, block: Block) -> None:
-        self.log.add_truth(block)
+    def _next_block(self) -> Block | None:
+        block = super()._next_block()
+        if block is not None:
+            self.log.add_truth(block)
+        return block
 
     def _on_step(self, number: int, sums: NDArray[np.int64], n1: int, n2: int, height_mm: int, climb_mmps: int) -> None:
         if self.reference:

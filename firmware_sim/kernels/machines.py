@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +18,7 @@ INFIX = {"add": "+", "sub": "-", "mul": "*", "and": "&", "or": "|", "xor": "^"}
 
 
 @dataclass(frozen=True, eq=False)
-class Machine:
+class Machine(ABC):
     """How one machine holds and computes floats; integers are int64 kept in 32 bits on both.
 
     ``unary`` spells each operation of one float operand (``{}``); ``take_real`` makes this machine's float of a
@@ -29,45 +30,45 @@ class Machine:
     unary: dict[str, str]
     take_real: Callable[[Any], Any]
 
+    @abstractmethod
     def encode(self, value: float) -> Any:
         """A Python float as this machine's single; out of range saturates, too small gives zero."""
-        raise NotImplementedError
 
+    @abstractmethod
     def decode(self, value: Any) -> float:
         """This machine's scalar as a Python float."""
-        raise NotImplementedError
 
+    @abstractmethod
     def holds(self, value: float) -> bool:
         """Whether ``value`` has a single, to within half a unit of its last place."""
-        raise NotImplementedError
 
+    @abstractmethod
     def constant(self, value: float) -> str:
         """The source text of a constant."""
-        raise NotImplementedError
 
+    @abstractmethod
     def binary(self, op: str, left: str, right: str) -> str:
         """The source text of add, sub or mul."""
-        raise NotImplementedError
 
+    @abstractmethod
     def rounded(self, text: str) -> str:
         """The source text of a value rounded to a single."""
-        raise NotImplementedError
 
+    @abstractmethod
     def comparison(self, op: str, left: str, right: str) -> str:
         """The source text of == != < <= > >=."""
-        raise NotImplementedError
 
+    @abstractmethod
     def array(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
         """An array of this machine's singles from floats, same shape."""
-        raise NotImplementedError
 
+    @abstractmethod
     def values(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         """The floats that an array of this machine holds."""
-        raise NotImplementedError
 
+    @abstractmethod
     def words(self, array: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
         """An array of this machine's floats (n,) as C3x singles: memory words, 0 to 2^32 - 1."""
-        raise NotImplementedError
 
     def signature(self, kernel: TypedKernel) -> str:
         """The types of a kernel's arguments, as numba writes them."""
