@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import resource
 import statistics
 import subprocess
 import sys
@@ -48,6 +49,8 @@ def main() -> None:
     warm_start()
     decoder()
     interpreter()
+    memory()
+    truth()
     arithmetic()
     recording()
 
@@ -119,6 +122,25 @@ def interpreter() -> None:
     for name, goal in GOALS.items():
         plain, stalled = (instructions_per_s(name, has_pipeline=on) / 1e6 for on in (False, True))
         show(f"iss: {name} loop", f"{plain:.0f} M/s, pipeline {stalled:.0f}", f"{goal} M instructions/s")
+
+
+def memory() -> None:
+    """Peak memory of the command line for a short and a long flight."""
+    peaks_mib = []
+    for duration_s in (600, 7200):
+        command = [sys.executable, "-m", "firmware_sim.cli", "run", "sway", "--duration", str(duration_s)]
+        subprocess.run(command, check=True, capture_output=True)
+        # The largest of all processes so far: the longer flight comes second.
+        peaks_mib.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024)
+    show("peak memory: 10 min, 2 h", f"{peaks_mib[0]:.0f}, {peaks_mib[1]:.0f} MiB", "the same")
+
+
+def truth() -> None:
+    """double against truth with perfect sensors, after an hour."""
+    for name in ("static", "sway", "moored", "turn", "transit"):
+        scenario = load_scenario(name).without_errors()
+        errors = run(Flight(scenario, BoardSheet(), "double", 3600.0))["errors_vs_truth"]
+        show(f"double against truth: {name}, 1 h", f"{errors['horizontal_m']['max'] * 1e3:.3f} mm", "100 mm")
 
 
 def arithmetic() -> None:
