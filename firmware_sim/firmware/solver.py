@@ -53,6 +53,7 @@ class Solver:
         shapes = [4, 4, 3, 3, 3, (3, 3), (3, 3), 3, 3, 3]
         self.states = [machine.array(np.zeros(shape)) for shape in shapes]
         self._outputs = [machine.array(np.zeros(size)) for size in (5, 3, 4)]
+        self._singles = machine.array(np.zeros(9))
         self.flags = 0
         self.height: Any = machine.encode(0.0)
         self.latitude = 0
@@ -99,4 +100,7 @@ class Solver:
 
     def words(self) -> NDArray[np.int64]:
         """The C3x singles of attitude (5), velocity (3) and height, as memory words."""
-        return self.machine.words(np.append(np.concatenate(self._outputs[:2]), self.height))
+        singles = self._singles
+        singles[:5], singles[5:8] = self._outputs[:2]
+        singles[8] = self.height
+        return self.machine.words(singles)
