@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,19 +32,24 @@ def run(
     source: str,
     *,
     has_pipeline: bool = True,
+    trace: TextIO | None = None,
     open_line: Callable[[], Line] = NullLine,
     progress: Callable[[float, float], None] | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Report:
     """Run a flight with the program ``image`` on the board; ``source`` names it in messages. As ``bench.run``.
 
-    Without ``has_pipeline`` each instruction takes the cycles of its description alone.
+    Without ``has_pipeline`` each instruction takes the cycles of its description alone. ``trace`` takes a line for each
+    instruction that is executed.
 
     Raises UsageError also for an image that the board cannot hold and for a program that runs wild.
     """
     run_of_image = _ImageRun(flight, open_line, progress or ignore, announce or ignore)
-    run_of_image.load(image, source, has_pipeline)
+    run_of_image.load(image, source, has_pipeline, trace)
     return run_of_image.fly()
+
+
+_text = functools.lru_cache(maxsize=1 << 16)(disassemble)
 
 
 @jit
@@ -60,14 +66,30 @@ class _ImageRun(BoardRun):
 
     processor: TargetProcessor
 
-    def load(self, image: Image, source: str, has_pipeline: bool) -> None:
+    def load(self, image: Image, source: str, has_pipeline: bool, trace: TextIO | None) -> None:
         """Put the program into the board."""
-        self.processor = TargetProcessor(self.sheet, image, source, disassemble, has_pipeline=has_pipeline)
+        self.trace = trace
+        self.processor = TargetProcessor(
+            self.sheet,
+            image,
+            source,
+            disassemble,
+            has_pipeline=has_pipeline,
+            on_trace=self._write_trace if trace else None,
+        )
         self.watch = new_stopwatch(max(BITS.values()) + 1)
         self.ticks = 0
         self.first_exceeded: dict[str, int] | None = None
         self.first_overrun: dict[str, int] | None = None
         self.timing_is = "measured" if has_pipeline else "measured without the pipeline"
+
+    def _write_trace(self, rows: NDArray[np.int64]) -> None:
+        """Cycle, address, word and instruction, as memory holds it when the line is written."""
+        assert self.trace is not None
+        memory = self.processor.cpu.memory
+        for cycle, address in rows.tolist():
+            word = memory[address]
+            self.trace.write(f"{cycle:>12} {address:06X} {word:08X}  {_text(word, address)}\n")
 
     def _prepare(self) -> None:
         if not self.processor.is_compiled:

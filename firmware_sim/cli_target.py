@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from firmware_sim.errors import UsageError
 
 if TYPE_CHECKING:
+    from firmware_sim.bench import Flight
     from firmware_sim.report import Report
     from firmware_sim.toolchain.image import Image
 
@@ -30,6 +32,14 @@ def add_commands(commands: Any) -> None:
     asm.add_argument("sources", nargs="+", metavar="SRC.asm", help="sources; they share what they declare .global")
     asm.add_argument("-o", dest="output", metavar="IMAGE.out", required=True, help="the image, in COFF2")
     asm.add_argument("--listing", metavar="FILE", help="write addresses, words and cycles beside the source")
+    debug = commands.add_parser(
+        "debug",
+        help="step through an image",
+        description="A monitor for an image on the default board; reads its commands from standard input (try: help).",
+    )
+    debug.set_defaults(command=_debug)
+    debug.add_argument("image", metavar="IMAGE.out")
+    debug.add_argument("--board", metavar="FILE.toml", help="board file (docs/board.md); without it the default board")
     dis = commands.add_parser("dis", help="disassemble an image", description="Print the instructions of an image.")
     dis.set_defaults(command=_dis)
     dis.add_argument("image", metavar="IMAGE.out")
@@ -44,13 +54,17 @@ def add_run_options(run: argparse.ArgumentParser) -> None:
         default="pipeline",
         help="cycles of --engine iss: with the stalls of the pipeline (default), or of the instructions alone",
     )
+    run.add_argument(
+        "--trace", metavar="FILE", help="write each instruction that --engine iss executes, with its cycle"
+    )
 
 
 def bench_of(options: argparse.Namespace) -> Callable[..., Report]:
     """What runs a flight: the native bench, or that of an image. Raises UsageError for an image that cannot be read."""
     if options.engine != ENGINE:
-        if options.image is not None:
-            raise UsageError(f"--image: expected with --engine iss, found --engine {options.engine}")
+        for name in ("image", "trace"):
+            if getattr(options, name) is not None:
+                raise UsageError(f"--{name}: expected with --engine iss, found --engine {options.engine}")
         from firmware_sim import bench
 
         return bench.run
@@ -58,14 +72,31 @@ def bench_of(options: argparse.Namespace) -> Callable[..., Report]:
         raise UsageError(
             "--engine iss: expected --image IMAGE.out, found none: the board's own firmware is not yet machine code"
         )
+    return functools.partial(_run_image, options, read_image(options.image))
+
+
+def _run_image(options: argparse.Namespace, image: Image, flight: Flight, **named: Any) -> Report:
     from firmware_sim import bench_image
 
-    return functools.partial(
-        bench_image.run,
-        image=read_image(options.image),
-        source=options.image,
-        has_pipeline=options.timing == "pipeline",
-    )
+    with contextlib.nullcontext() if options.trace is None else _opened(options.trace) as trace:
+        return bench_image.run(
+            flight,
+            image,
+            options.image,
+            has_pipeline=options.timing == "pipeline",
+            trace=trace,
+            **named,
+        )
+
+
+@contextlib.contextmanager
+def _opened(name: str) -> Iterator[TextIO]:
+    """A file to write to. Raises UsageError where that fails, also later."""
+    try:
+        with Path(name).open("w", encoding="utf-8") as file:
+            yield file
+    except OSError as error:
+        raise UsageError(f"{name}: expected a file that can be written, found: {error.strerror}") from None
 
 
 def read_image(name: str) -> Image:
@@ -95,6 +126,30 @@ def _dis(options: argparse.Namespace) -> int:
     from firmware_sim.toolchain.listing import listing
 
     sys.stdout.write(listing(read_image(options.image)))
+    return FINE
+
+
+def _debug(options: argparse.Namespace) -> int:
+    from firmware_sim.board.sheet import load_sheet
+    from firmware_sim.monitor import PROMPT, Monitor
+
+    monitor = Monitor(load_sheet(options.board), read_image(options.image), options.image)
+    is_person = sys.stdin.isatty()
+    sys.stdout.write(monitor.execute("where"))
+    while not monitor.is_done:
+        if is_person:
+            sys.stdout.write(PROMPT)
+        sys.stdout.flush()
+        line = sys.stdin.readline()
+        if not line:
+            break
+        try:
+            sys.stdout.write(monitor.execute(line))
+        except UsageError as error:
+            # A person goes on after a mistake; a script that made one has gone wrong.
+            if not is_person:
+                raise
+            sys.stdout.write(f"{error}\n")
     return FINE
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -103,6 +104,8 @@ def test_an_image_that_is_larger_than_memory_is_refused(capsys: pytest.CaptureFi
         (["asm", "missing.asm"], "-o"),
         (RUN, "expected --image IMAGE.out, found none"),
         (["run", "static", "--image", "x.out"], "--image: expected with --engine iss, found --engine c3x"),
+        (["run", "static", "--trace", "x.txt"], "--trace: expected with --engine iss, found --engine c3x"),
+        (["debug", "missing.out"], "missing.out: expected a readable image"),
         ([*RUN, "--timing", "slow"], "invalid choice: 'slow'"),
     ],
 )
@@ -146,3 +149,43 @@ def test_a_run_reports_what_it_measured(image: Path, tmp_path: Path) -> None:
     assert raw.read_bytes() == b""
     assert cli.main([*RUN, "--image", str(image), "--report", str(path), "--timing", "fast"]) == 0
     assert json.loads(path.read_text())["timing_is"] == "measured without the pipeline"
+
+
+def test_a_trace_has_each_instruction_with_its_cycle(image: Path, tmp_path: Path) -> None:
+    trace = tmp_path / "trace.txt"
+    run = ["run", "static", "--engine", "iss", "--duration", "0.02", "--timing", "fast", "--image", str(image)]
+    assert cli.main([*run, "--trace", str(trace)]) == 0
+    rows = [line.split() for line in trace.read_text().splitlines()]
+    assert rows[0] == ["0", "000040", "08600005", "LDI", "5,R0"]
+    assert [row[1] for row in rows[1:]] == ["000041"] * (len(rows) - 1)
+    # The branch to itself takes four cycles; the flight is a tick, and ends just before the next.
+    assert [int(row[0]) for row in rows[1:]] == list(range(1, 999_999, 4))
+
+
+def test_a_trace_that_cannot_be_written_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, image: Path
+) -> None:
+    missing = tmp_path / "missing" / "trace.txt"
+    status, said = status_and_sentence(capsys, *RUN, "--image", image, "--trace", missing)
+    assert status == 2
+    assert said.startswith(f"firmware-sim: {missing}: expected a file that can be written")
+
+
+def test_debug_is_driven_by_a_script(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, image: Path
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("step\nregs\nquit\nstep\n"))
+    assert cli.main(["debug", str(image)]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("cycle 0\nstart:\n 000040  08600005  LDI 5,R0\n")
+    assert "R0  0000000005" in said
+    assert said.count("cycle") == 2
+
+
+def test_a_script_with_a_mistake_ends_with_status_2(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, image: Path
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("stop\nstep\n"))
+    status, said = status_and_sentence(capsys, "debug", image)
+    assert status == 2
+    assert said == "firmware-sim: a command was expected (try: help), found stop\n"

@@ -32,7 +32,7 @@ SERVICE_LOG = np.dtype(
         ("started", "i8", (DEEPEST,)),
         ("nested", "i8", (DEEPEST,)),  # cycles of others in it, with those of taking their vectors
         ("last_request", "i8", (_BITS,)),  # cycle
-        ("overruns", "i8", (_BITS,)),  # requests that came before the one before them was served
+        ("overruns", "i8", (_BITS,)),  # requests of enabled sources that came before the last one was served
         ("enabled", "i8"),  # sources that the program has ever enabled
     ]
 )
@@ -46,7 +46,7 @@ def new_service_log() -> tuple[NDArray[np.void], NDArray[np.int64]]:
 @jit
 def note_requests(state: NDArray[np.void], requests: int, waiting: int, now: int) -> None:
     """Requests (bits) of cycle ``now``; ``waiting`` are those that were not yet served."""
-    unserved = waiting
+    unserved = waiting & state[0].enabled
     for level in range(state[0].depth):
         unserved |= 1 << state[0].bit[level]
     for bit in range(_BITS):

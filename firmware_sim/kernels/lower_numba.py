@@ -70,9 +70,10 @@ class BuiltKernel:
 
     def compile(self) -> None:
         """Make the machine code, or load it from the cache, for the types of the kernel's parameters."""
-        # It is compiled already where another kernel calls it, or another build shares the module of its source.
-        if not self.function.signatures:
-            self.function.compile(self._signature)
+        # Its code may exist already, frozen by another build of the same source, or made for a caller with constants
+        # among its arguments: numba then compiles for those constants alone.
+        self.function.disable_compile(False)
+        self.function.compile(self._signature)
         self.function.disable_compile()
         self._is_compiled = True
 

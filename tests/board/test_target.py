@@ -2,9 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from firmware_sim.board.adc import CHANNELS, SAMPLE
 from firmware_sim.board.board import Board
+from firmware_sim.board.bus import DEVICES
 from firmware_sim.board.interrupts import BITS, INT0, INT2, TINT0
 from firmware_sim.board.service_log import BIT, CAPACITY, ENDED, EXECUTION, REQUESTED, STARTED
 from firmware_sim.board.sheet import BoardSheet
@@ -471,3 +474,50 @@ control:  .word 0E140044h       ; both run, RINT, 16 bits, FSXOUT, internal cloc
     assert processor.cpu.r[7] == 0x1234
     # A frame pulse and 16 bits of 20 cycles, from the write on, which the boot code reaches in some 30 cycles.
     assert 17 * 20 < service[REQUESTED] < 17 * 20 + 40
+
+
+def outcome(board: Board, processor: TargetProcessor, until: int) -> str:
+    """The sentence with which a run was ended; empty when it came to its end."""
+    try:
+        board.run(processor, until)
+    except UsageError as refused:
+        return str(refused)
+    assert board.now >= until
+    return ""
+
+
+registers = st.integers(0, 31)
+anything = st.integers(0, 2**32 - 1)
+stores = st.builds(lambda register, offset: 0x1540_0000 | register << 16 | offset, registers, st.integers(0, 0x3FF))
+loads = st.builds(lambda register, value: 0x0860_0000 | register << 16 | value, registers, st.integers(0, 0xFFFF))
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.one_of(anything, stores, loads), min_size=1, max_size=40))
+def test_any_words_run_or_are_refused(words: list[int]) -> None:
+    image = Image({"program": Section("program", 0, [*[0x40] * 64, *words])}, {}, 0x40)
+    processor, board = TargetProcessor(BoardSheet(), image, has_pipeline=False), Board(BoardSheet())
+    said = outcome(board, processor, 2000)
+    assert "expected" in said or processor.cpu.cycles >= 2000
+
+
+DEVICE_ADDRESSES = [window.first for window in DEVICES]
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    st.lists(st.tuples(st.sampled_from(DEVICE_ADDRESSES), st.integers(0, 9), anything), min_size=1, max_size=20),
+    st.integers(0, 0xFFFF),
+)
+def test_any_words_may_be_written_to_any_device(writes: list[tuple[int, int, int]], enabled: int) -> None:
+    lines = [f"        LDI {enabled - 0x8000},IE", "        OR 6000h,ST"]
+    constants = []
+    for number, (base, offset, word) in enumerate(writes):
+        lines += [f"        LDI @b{number},AR3", f"        LDI @w{number},R0", f"        STI R0,*+AR3({offset})"]
+        lines += [f"        LDI *+AR3({offset}),R1"]
+        constants += [f"b{number}: .word {base}", f"w{number}: .word {word}"]
+    code = "\n".join([*lines, "wait:   IDLE", "        B wait", '        .sect "near"', *constants]) + "\n"
+    processor, board = program(code), Board(BoardSheet())
+    board.load_samples(samples(20))
+    said = outcome(board, processor, 400_000)
+    assert "found nothing" in said or processor.cpu.instructions >= 4 * len(writes)

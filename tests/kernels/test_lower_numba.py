@@ -459,3 +459,26 @@ def test_constants_are_folded_and_rounded_once(program: Program) -> None:
     single = program.machine is C3X
     expected = tuple(float(np.float32(value)) for value in wanted) if single else wanted  # IEEE's 24 bits agree here
     assert call(program, "thirds") == expected
+
+
+CALLED_WITH_A_CONSTANT = """
+@kernel
+def shifted(x: float, offset: float) -> float:
+    return x + offset
+
+@kernel
+def less_one(x: float) -> float:
+    return shifted(x, -1.0)
+"""
+
+
+def test_a_kernel_that_a_caller_has_compiled_for_its_constant_takes_any_argument(written: Any) -> None:
+    module = written("with_a_constant", CALLED_WITH_A_CONSTANT)
+    for machine in (DOUBLE, C3X):
+        program = build([module.shifted, module.less_one], machine)
+        encode, decode = machine.encode, machine.decode
+        # The caller first: a cold numba compiles `shifted` for the constant only.
+        assert decode(program.less_one(encode(3.0))) == 2.0
+        assert decode(program.shifted(encode(3.0), encode(0.5))) == 3.5
+        again = build([module.shifted, module.less_one], machine)
+        assert decode(again.shifted(encode(1.0), encode(0.25))) == 1.25
