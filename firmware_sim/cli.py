@@ -40,7 +40,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number in _ENDINGS:
         signal.signal(number, _end)
     try:
-        return int(options.command(options))
+        status = int(options.command(options))
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:
+        _forget_output()
+        return FINE
     except UsageError as error:
         _say(str(error))
         return BAD_USAGE
