@@ -15,7 +15,7 @@ from pathlib import Path
 OUTPUT = Path("demo-output")
 LINK = OUTPUT / "board" / "line"
 LOG, CSV, FIGURES, REPORT = OUTPUT / "flight.log", OUTPUT / "flight.csv", OUTPUT / "figures", OUTPUT / "report.json"
-DURATION_S, REAL_TIME_RATIO = 600, 40
+DURATION_S, REAL_TIME_RATIO = 300, 15
 BIN = Path(sys.executable).parent
 START_LIMIT_S = 30.0
 
