@@ -20,7 +20,7 @@ from firmware_sim.errors import UsageError
 from firmware_sim.firmware.native import NativeProcessor
 from firmware_sim.firmware.services import ADC_SERVICE, NAV_SERVICE, SERVICES, UART_SERVICE
 from firmware_sim.firmware.solver import Solver, Start
-from firmware_sim.firmware.stopwatch import EXECUTION, JITTER, RESPONSE, times_of
+from firmware_sim.firmware.stopwatch import times_of_service
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE
 from firmware_sim.plant.scenario import Scenario
 from firmware_sim.plant.source import Block, Source
@@ -226,7 +226,10 @@ class _NativeRun(BoardRun):
             first_overrun=first_overrun,
             exceeded=exceeded,
             timing_is="estimated",
-            timing={SERVICES[service]: self._timing(service) for service in (NAV_SERVICE, ADC_SERVICE, UART_SERVICE)},
+            timing={
+                SERVICES[service]: times_of_service(self.processor.watch[service])
+                for service in (NAV_SERVICE, ADC_SERVICE, UART_SERVICE)
+            },
             interrupts_off_max_cycles=int(state["interrupts_off"]),
             adc={"samples": int(state["samples"]), "lost": int(state["lost"])},
             line={"sent": ledger.sent, "read": ledger.read, "held": ledger.held, "dropped": ledger.dropped},
@@ -234,15 +237,6 @@ class _NativeRun(BoardRun):
             errors_vs_truth=self.vs_truth.as_dict(),
             errors_vs_double=self.vs_double.as_dict(),
         )
-
-    def _timing(self, service: int) -> dict[str, Any]:
-        """Execution at the top level, response and release jitter below it."""
-        watch = self.processor.watch[service]
-        return {
-            **times_of(watch[EXECUTION]).as_dict(),
-            "response": times_of(watch[RESPONSE]).as_dict(),
-            "release_jitter": times_of(watch[JITTER]).as_dict(),
-        }
 
 
 class _StepLog:

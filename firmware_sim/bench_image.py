@@ -15,7 +15,7 @@ from firmware_sim.board.line import Line, NullLine
 from firmware_sim.board.service_log import BIT, ENDED, EXECUTION, REQUESTED, STARTED
 from firmware_sim.board.target import TargetProcessor
 from firmware_sim.firmware import stopwatch
-from firmware_sim.firmware.stopwatch import new_stopwatch, times_of
+from firmware_sim.firmware.stopwatch import new_stopwatch, times_of_service
 from firmware_sim.jit import jit
 from firmware_sim.report import Report
 from firmware_sim.toolchain.disassembler import disassemble
@@ -144,15 +144,7 @@ class _ImageRun(BoardRun):
         served = [source.bit for source in SOURCES if self.watch[source.bit, stopwatch.EXECUTION].any()]
         bits = dict.fromkeys([*_ALWAYS_REPORTED, *served])
         names = {source.bit: source.name.lower() for source in SOURCES} | _NAMES
-        return {names[bit]: self._times(bit) for bit in bits}
-
-    def _times(self, bit: int) -> dict[str, Any]:
-        watch = self.watch[bit]
-        return {
-            **times_of(watch[stopwatch.EXECUTION]).as_dict(),
-            "response": times_of(watch[stopwatch.RESPONSE]).as_dict(),
-            "release_jitter": times_of(watch[stopwatch.JITTER]).as_dict(),
-        }
+        return {names[bit]: times_of_service(self.watch[bit]) for bit in bits}
 
     def _samples(self) -> dict[str, int]:
         """Samples whose last channel was read in time, and those that were not; one may still wait."""

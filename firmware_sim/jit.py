@@ -102,8 +102,9 @@ def jit(function: Callable[..., Any]) -> Any:
 
 def is_compiled(function: Any) -> bool:
     """Whether the machine code of a ``jit`` function is in memory or on disk, so that its first call is quick."""
-    folder = CACHE_ROOT / _fingerprint(Path(function.py_func.__code__.co_filename))
-    return bool(function.signatures) or any(folder.rglob(f"*.{function.py_func.__name__}-*.nbi"))
+    source = Path(function.py_func.__code__.co_filename)
+    folder = CACHE_ROOT / _fingerprint(source)
+    return bool(function.signatures) or any(folder.rglob(f"{source.stem}.{function.py_func.__name__}-*.nbi"))
 
 
 def import_generated(name: str, source: str) -> ModuleType:
@@ -116,8 +117,9 @@ def import_generated(name: str, source: str) -> ModuleType:
     if module_name in sys.modules:
         return sys.modules[module_name]
     path = CACHE_ROOT / "generated" / f"{module_name}.py"
+    path.parent.mkdir(exist_ok=True)
+    os.utime(path.parent)
     if not path.exists():
-        path.parent.mkdir(exist_ok=True)
         partial = path.with_suffix(f".{os.getpid()}")
         partial.write_text(source)
         partial.replace(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,3 +71,12 @@ def times_of(histogram: NDArray[np.int64]) -> Times:
     if count == 0:
         return Times(0, 0, 0, 0)
     return Times(count, maximum, quantile(0.999), quantile(0.5))
+
+
+def times_of_service(histograms: NDArray[np.int64]) -> dict[str, Any]:
+    """The times of one service (TIMES, bins) as reports have them: execution on top, the others below it."""
+    return {
+        **times_of(histograms[EXECUTION]).as_dict(),
+        "response": times_of(histograms[RESPONSE]).as_dict(),
+        "release_jitter": times_of(histograms[JITTER]).as_dict(),
+    }
