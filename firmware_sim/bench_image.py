@@ -130,7 +130,7 @@ class _ImageRun(BoardRun):
             first_overrun=self.first_overrun,
             timing_is=self.timing_is,
             timing=self._timing(),
-            interrupts_off_max_cycles=None,
+            interrupts_off_max_cycles=self.processor.interrupts_off_max_cycles,
             adc=self._samples(),
             line={"sent": ledger.sent, "read": ledger.read, "held": ledger.held, "dropped": ledger.dropped},
             frames={"dropped": None},

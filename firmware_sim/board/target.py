@@ -68,6 +68,7 @@ class TargetProcessor:
             np.array([int(on_trace is not None)]), np.zeros(1, np.int64), np.zeros((_TRACE_ROWS, 2), np.int64)
         )
         self.resets = 0
+        self._off_before_reset = 0
         self._on_trace = on_trace
         self._measured: list[NDArray[np.int64]] = []
         _check_fits(image, source)
@@ -123,12 +124,18 @@ class TargetProcessor:
     def reset(self, circuit: Circuit) -> None:
         """Pull the reset line: processor, on-chip peripherals and UART begin anew; memory and the A/D go on."""
         self.resets += 1
+        self._off_before_reset = self.interrupts_off_max_cycles
         circuit.timer0[:], circuit.timer1[:] = new_timer(), new_timer()
         reset_on_chip(self.peripherals)
         sent = int(circuit.uart["out_count"][0])
         circuit.uart[:] = new_uart(self.sheet)
         circuit.uart["out_count"] = sent
         self._start_processor()
+
+    @property
+    def interrupts_off_max_cycles(self) -> int:
+        """The longest stretch with interrupts off, resets included; see ``Cpu``."""
+        return max(self._off_before_reset, self.cpu.interrupts_off_max_cycles)
 
     def take_services(self) -> NDArray[np.int64]:
         """The services that have ended since the call before, (n, 5): the columns of ``service_log``."""

@@ -19,7 +19,7 @@ Disassembler = Callable[[int, int], str]
 
 _EXTENDED_REGISTERS: Final = 8
 _NOWHERE_AT_RESET: Final = (
-    *("delay_end", "fetched", "segment0", "segment1", "port_for_fetch"),
+    *("delay_end", "closed_since", "fetched", "segment0", "segment1", "port_for_fetch"),
     *("written_block", "full_block", "full_block_before"),
 )
 _SHOWN_OF_TRAIL: Final = 16
@@ -181,6 +181,16 @@ class Cpu:
     def instructions(self) -> int:
         """Instructions executed since reset."""
         return int(self.state["instructions"][0])
+
+    @property
+    def interrupts_off_max_cycles(self) -> int:
+        """The longest stretch with GIE clear, the one that has not ended included.
+
+        It begins when GIE is cleared, for a service when its vector is taken, and ends with the instruction that sets
+        GIE. The time from reset until GIE is first set does not count.
+        """
+        since = int(self.state["closed_since"][0])
+        return max(int(self.state["closed_longest"][0]), 0 if since == NOWHERE else self.cycles - since)
 
     def request_interrupt(self, bit: int) -> None:
         """Set one bit of the interrupt flag register IF, 0 (INT0) to 11 (DINT1)."""

@@ -128,6 +128,19 @@ def _write_device(s: Any, address: int, word: int, cycles: int) -> None:
 
 
 @jit
+def _note_gate(s: Any, before: int, after: int, cycles: int) -> None:
+    """Measure how long GIE is clear; ``before`` and ``after`` are what ST holds around the end of an instruction.
+
+    The time from reset until GIE is first set does not count.
+    """
+    if before & ~after & ST_GIE:
+        s.closed_since = cycles
+    elif after & ~before & ST_GIE and s.closed_since != NOWHERE:
+        s.closed_longest = max(s.closed_longest, cycles - s.closed_since)
+        s.closed_since = NOWHERE
+
+
+@jit
 def _pending(s: Any, r: Any) -> int:
     """The interrupt requests that are enabled and can be served now, as bits."""
     if not r[ST] & ST_EDGE:
@@ -206,6 +219,7 @@ def interpret(
                     reason = _UNMAPPED
                     break
                 pc = target
+                _note_gate(s, st, r[ST], cycles)
                 st = r[ST]
                 cycles += INTERRUPT_CYCLES
                 continue
@@ -327,6 +341,7 @@ def interpret(
             destination = row.destination0
             r[destination] = _merged(r[destination], result, row.kept0)
             if destination >= ST and destination <= RC:
+                _note_gate(s, st, r[ST], cycles)
                 st = r[ST]
                 if st & ST_RM and signed(r[RC]) <= 0 and destination == ST:
                     st &= ~ST_RM
@@ -375,11 +390,13 @@ def interpret(
             following = r[LOADED] & ADDRESS_MASK
         elif kind == RETURN_FROM_INTERRUPT:
             following = r[LOADED] & ADDRESS_MASK
+            _note_gate(s, st, st | ST_GIE, cycles)
             st |= ST_GIE
             r[ST] = st
             limit = 0
         elif kind == TRAP:
             following = _vector(r, memory, pages, FIRST_TRAP + row.value)
+            _note_gate(s, st, st & ~ST_GIE, cycles)
             st &= ~ST_GIE
             r[ST] = st
         elif kind in (REPEAT_BLOCK, REPEAT_SINGLE):
@@ -395,6 +412,7 @@ def interpret(
             watched = _end_of_stretch(s, r)
         elif kind == IDLE:
             s.is_idle = 2 if row.operation0 == _IDLE2 else 1
+            _note_gate(s, st, st | ST_GIE, cycles)
             st |= ST_GIE
             r[ST] = st
             limit = 0

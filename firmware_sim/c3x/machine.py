@@ -83,6 +83,8 @@ STATE: Final = np.dtype(
         ("write_count", np.int64),
         ("write_cycle", np.int64),
         *((f"{name}{write}", np.int64) for write in (0, 1) for name in ("write_address", "write_value")),
+        ("closed_since", np.int64),  # cycle in which GIE was cleared; NOWHERE while it is set, and until it first is
+        ("closed_longest", np.int64),  # cycles of the longest stretch with GIE clear that has ended
         ("has_pipeline", np.int64),  # 0: an instruction takes its own cycles alone
         # The pipeline: cycles from which on something is free again, and the cache; see ``pipeline``.
         *((name, np.int64) for name in ("pointers_free", "page_free", "stack_free")),

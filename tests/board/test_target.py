@@ -334,6 +334,17 @@ def test_the_watchdog_resets_the_processor_and_its_flag_survives() -> None:
     assert board.now == processor.cpu.cycles == 2_600_000
 
 
+def test_the_longest_stretch_with_interrupts_off_survives_a_reset() -> None:
+    code = FEEDS.replace("ADDI R0,R6", "OR 2000h,ST\n        ANDN 2000h,ST")
+    processor, board = program(code), Board(BoardSheet())
+    board.run(processor, 2_490_000)
+    assert 2_489_900 < processor.interrupts_off_max_cycles < 2_490_000
+    board.run(processor, 2_600_000)
+    assert processor.resets == 1
+    # From ANDN to the watchdog, which was fed four cycles later; the stretch behind the reset is shorter.
+    assert processor.interrupts_off_max_cycles == 2_500_000 + 4
+
+
 @pytest.mark.parametrize(
     ("code", "sentence"),
     [

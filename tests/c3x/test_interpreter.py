@@ -315,6 +315,45 @@ def test_a_service_that_sets_gie_can_be_interrupted(interruptible, assemble):
     assert cpu.r[6] == 1  # back in the first service
 
 
+def test_the_longest_stretch_with_interrupts_off_runs_from_the_vector_to_the_end_of_reti(interruptible):
+    cpu = interruptible()
+    cpu.request_interrupt(0)
+    steps(cpu, 2)
+    assert cpu.interrupts_off_max_cycles == 5 + 1  # it goes on
+    steps(cpu, 1)
+    assert cpu.interrupts_off_max_cycles == 5 + 1 + 4
+    steps(cpu, 20)
+    assert cpu.interrupts_off_max_cycles == 10
+    cpu.reset()
+    assert cpu.interrupts_off_max_cycles == 0
+
+
+def test_the_start_until_gie_is_first_set_counts_as_no_stretch(cpu_with):
+    cpu = cpu_with(f"NOP\nANDN {GIE},ST\nNOP\nOR {GIE},ST\nNOP\nANDN {GIE},ST\nNOP\nNOP\nOR {GIE},ST")
+    steps(cpu, 6)
+    assert cpu.interrupts_off_max_cycles == 0
+    steps(cpu, 3)
+    assert cpu.interrupts_off_max_cycles == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "stretch"),
+    [
+        (f"ANDN {GIE},ST\nNOP\nIDLE", 2),
+        (f"LDI ST,R0\nANDN {GIE},ST\nPUSH R0\nNOP\nPOP ST", 3),
+        ("TRAPU 5\nNOP\nNOP\nRETIU", 6),
+        # Setting or clearing it a second time changes nothing.
+        (f"OR {GIE},ST\nANDN {GIE},ST\nNOP\nANDN {GIE},ST\nNOP\nOR {GIE},ST\nOR {GIE},ST", 4),
+    ],
+)
+def test_whatever_moves_gie_begins_or_ends_a_stretch(cpu_with, text, stretch):
+    cpu = cpu_with(text)
+    cpu.memory[0x25] = 0x101
+    cpu.st = GIE
+    steps(cpu, len(text.splitlines()))
+    assert (cpu.interrupts_off_max_cycles, cpu.st & GIE) == (stretch, GIE)
+
+
 def test_a_request_by_the_program_itself(interruptible):
     cpu = interruptible("OR 4,IF\nADDI 1,R0\nBU 0x102")
     steps(cpu, 3)

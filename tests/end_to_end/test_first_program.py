@@ -13,6 +13,7 @@ from firmware_sim.bench import Flight
 from firmware_sim.board.adc import Converter
 from firmware_sim.board.line import FileLine
 from firmware_sim.board.sheet import BoardSheet
+from firmware_sim.c3x.interpreter import INTERRUPT_CYCLES
 from firmware_sim.cli_target import read_image
 from firmware_sim.plant.scenario import load_scenario
 from host.stream import Stream
@@ -59,6 +60,8 @@ def test_the_host_finds_every_sample_of_the_converter_in_the_sums(tmp_path: Path
     assert report["timing"]["nav"]["count"] == 500
     assert report["timing"]["adc"]["count"] == report["adc"]["samples"]
     assert report["resets"] == 0
+    # The longest service, with the taking of its vector and nothing nested.
+    assert report["interrupts_off_max_cycles"] == report["timing"]["uart"]["max"] + INTERRUPT_CYCLES
 
 
 def test_the_line_carries_the_bytes_at_its_rate(tmp_path: Path, image: Path) -> None:
