@@ -184,14 +184,21 @@ def _spellings(row: Row) -> Iterator[tuple[tuple[str, ...], int]]:
 
 
 def _candidates() -> dict[tuple[str, ...], list[_Candidate]]:
-    """All ways to write all rows, by their names. The two of a parallel pair may stand in either order."""
+    """All ways to write all rows, by their names. The two of a parallel pair may stand in either order.
+
+    Two equal ones may be numbered: ``LDI2 src2,dst2 || LDI1 src1,dst1``, in either order.
+    """
     table: dict[tuple[str, ...], list[_Candidate]] = {}
     for row in ROWS:
+        is_twice_the_same = len(row.mnemonics) == 2 and row.mnemonics[0] == row.mnemonics[1]
         for names, condition in _spellings(row):
+            reordered = (f"{names[0]}2", f"{names[-1]}1") if is_twice_the_same else names
             for syntax in row.syntaxes:
                 table.setdefault(names, []).append(_Candidate(row, syntax, condition))
-                if row.mnemonics[::-1] != row.mnemonics:
-                    table.setdefault(names[::-1], []).append(_Candidate(row, syntax[::-1], condition))
+                if is_twice_the_same:
+                    table.setdefault(reordered, []).append(_Candidate(row, syntax, condition))
+                if len(names) == 2:
+                    table.setdefault(reordered[::-1], []).append(_Candidate(row, syntax[::-1], condition))
     return table
 
 

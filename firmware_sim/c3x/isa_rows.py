@@ -210,7 +210,15 @@ _GENERAL_ROWS: Final = tuple(
 )
 
 _CONDITIONAL_LOADS: Final = tuple(
-    _row(name, pattern, (Place(source, (0,)), Place(register, (2,))), operation, Shape.GENERAL, condition_low=23)
+    _row(
+        name,
+        pattern,
+        (Place(source, (0,)), Place(register, (2,))),
+        operation,
+        Shape.GENERAL,
+        condition_low=23,
+        may_omit_last=True,
+    )
     for name, pattern, source, register, operation in (
         ("LDF{c}", 0x4000_0000, _FLOAT, _FLOAT_REGISTER, "ldf_if"),
         ("LDI{c}", 0x5000_0000, _SIGNED, _ANY_REGISTER, "ldi_if"),
@@ -290,7 +298,16 @@ _BRANCH_ROWS: Final = (
     _row("RETS{c}", 0x7880_0000, (), "rets", Shape.BRANCH, 4, condition_low=16, may_omit_condition=True),
     _row("RPTB", 0x6400_0000, (_ABSOLUTE,), "rptb", Shape.CONTROL, 4),
     _row("SWI", 0x6600_0000, (), "swi", Shape.BRANCH, 4),
-    _row("TRAP{c}", 0x7400_0000, (Place(TrapNumber(), (0,)),), "trap", Shape.BRANCH, 5, condition_low=16),
+    _row(
+        "TRAP{c}",
+        0x7400_0000,
+        (Place(TrapNumber(), (0,)),),
+        "trap",
+        Shape.BRANCH,
+        5,
+        condition_low=16,
+        may_omit_condition=True,
+    ),
 )
 
 _CONTROL_ROWS: Final = (
