@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_sim.c3x.operands import OperandError
-
-NAME: Final = r"[A-Za-z_.$][\w.$]*\??"
+from firmware_sim.toolchain.functions import NAME, call_number_function, is_number_function
 
 _TOKEN: Final = re.compile(
     rf"""\s*(?:
@@ -25,7 +24,7 @@ _TOKEN: Final = re.compile(
     | (?P<decimal>\d+)
     | (?P<character>'(?:[^']|'')+')
     | (?P<name>{NAME})
-    | (?P<operator><<|>>|<=|>=|==|!=|&&|\|\||[-+*/%<>=&^|~!()])
+    | (?P<operator><<|>>|<=|>=|==|!=|&&|\|\||[-+*/%<>=&^|~!(),])
     )""",
     re.VERBOSE,
 )
@@ -153,7 +152,20 @@ class _Reader:
         if not kind or kind == "operator":
             raise OperandError(f"a number or a name was expected in '{self.text.strip()}', found {token or 'nothing'}")
         self.advance()
+        if kind == "name" and self.token == "(" and is_number_function(token):
+            return Value(call_number_function(token, self._arguments()))
         return self.lookup(token) if kind == "name" else Value(_number(kind, token))
+
+    def _arguments(self) -> list[float]:
+        """The values between parentheses, up to and with the closing one."""
+        numbers = []
+        while self.token in ("(", ","):
+            self.advance()
+            numbers.append(self._constant(self.binary(1)))
+        if self.token != ")":
+            raise OperandError(f") was expected in {self.text}, found {self.token or 'the end'}")
+        self.advance()
+        return numbers
 
     def _apply(self, operator: str, left: Value, right: Value) -> Value:
         if operator == "+" and (left.section is None or right.section is None):

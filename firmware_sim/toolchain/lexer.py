@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import Final
 
 from firmware_sim.toolchain.diagnostics import SourceError
-from firmware_sim.toolchain.expressions import NAME
+from firmware_sim.toolchain.functions import NAME
 
 _WORD: Final = re.compile(NAME)
 _LABEL: Final = re.compile(rf"({NAME})(:?)(?=[\s:]|$)")

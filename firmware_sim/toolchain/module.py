@@ -86,6 +86,9 @@ class Module:
     def stands_alone(self, name: str) -> bool:
         return name.upper() in NAMES_WITHOUT_OPERANDS
 
+    def is_defined(self, name: str) -> bool:
+        return name in self.symbols
+
     def constant(self, text: str) -> int | float:
         value = self._context().value(text)
         if value.section is not None:

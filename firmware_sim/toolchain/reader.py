@@ -14,9 +14,9 @@ from typing import Final, Protocol
 
 from firmware_sim.errors import UsageError
 from firmware_sim.toolchain.diagnostics import ErrorLog, SourceError, SourceLine
-from firmware_sim.toolchain.expressions import NAME
+from firmware_sim.toolchain.functions import NAME
 from firmware_sim.toolchain.lexer import Fields, split_fields, split_operands, unquote, without_comment
-from firmware_sim.toolchain.substitution import Substitutions, call_functions, with_unique_labels
+from firmware_sim.toolchain.substitution import Substitutions, with_unique_labels, without_forced
 
 _DEFAULT_LOOPS: Final = 1024
 _MOST_LOOPS: Final = 1 << 16
@@ -40,6 +40,10 @@ class Owner(Protocol):
 
     def label(self, line: SourceLine, name: str) -> None:
         """Define a label here. Raises UsageError."""
+        ...
+
+    def is_defined(self, name: str) -> bool:
+        """Whether a label or a constant of this name is defined so far."""
         ...
 
     def constant(self, text: str) -> int | float:
@@ -78,7 +82,7 @@ class SourceReader:
         self._errors = errors
         self._include_folders = include_folders
         self._macros: dict[str, _Macro] = {}
-        self._substitutions = Substitutions()
+        self._substitutions = Substitutions(owner.is_defined)
         self._expansions = 0
         self._macro_depth = 0
         self._loop_depth = 0
@@ -138,7 +142,7 @@ class SourceReader:
                     end = _end_of_block(lines, index, directive, closer, self._raw_operation)
                     body = lines[index:end]
                     index = end + 1
-                    fields = self._fields(line, is_substituted=directive != ".macro")
+                    fields = self._fields(line, is_substituted=directive != ".macro" or line.text.startswith(":"))
                     if fields.label and directive != ".macro":
                         self._owner.label(line, fields.label)
                     handle(line, fields, body)
@@ -153,8 +157,9 @@ class SourceReader:
         """The directive in a line before substitution, in small letters; empty for anything that is none."""
         if "." not in line.text:
             return ""
+        shape = SourceLine(line.file, line.number, without_forced(line.text))
         try:
-            operation = self._fields(line, is_substituted=False).operation
+            operation = self._fields(shape, is_substituted=False).operation
         except SourceError:
             return ""
         return operation.lower() if operation.startswith(".") else ""
@@ -181,23 +186,20 @@ class SourceReader:
 
     # Blocks -----------------------------------------------------------------------------------------------
 
-    def _constant(self, text: str) -> int | float:
-        return self._owner.constant(call_functions(text))
-
     def _if(self, line: SourceLine, fields: Fields, body: Sequence[SourceLine]) -> None:
-        condition = bool(self._constant(fields.operands))
+        condition = bool(self._owner.constant(fields.operands))
         start = 0
         for index, operation in _at_top_level(body, (".elseif", ".else"), self._raw_operation):
             if condition:
                 return self._read_lines(body[start:index])
             start = index + 1
-            condition = operation == ".else" or bool(self._constant(self._fields(body[index]).operands))
+            condition = operation == ".else" or bool(self._owner.constant(self._fields(body[index]).operands))
         if condition:
             self._read_lines(body[start:])
         return None
 
     def _loop(self, line: SourceLine, fields: Fields, body: Sequence[SourceLine]) -> None:
-        count = self._constant(fields.operands) if fields.operands else _DEFAULT_LOOPS
+        count = self._owner.constant(fields.operands) if fields.operands else _DEFAULT_LOOPS
         if not 0 <= count <= _MOST_LOOPS:
             raise SourceError(f"a count from 0 to {_MOST_LOOPS} was expected, found {fields.operands}", fields.operands)
         self._loop_depth += 1
@@ -212,7 +214,7 @@ class SourceReader:
     def _break(self, line: SourceLine, fields: Fields) -> None:
         if not self._loop_depth:
             raise SourceError(".loop was expected before .break", fields.operation)
-        if not fields.operands or self._constant(fields.operands):
+        if not fields.operands or self._owner.constant(fields.operands):
             raise _EndOfLoop
 
     def _define(self, line: SourceLine, fields: Fields, body: Sequence[SourceLine]) -> None:
@@ -257,7 +259,7 @@ class SourceReader:
 
     def _eval(self, line: SourceLine, fields: Fields) -> None:
         text, name = _at_least_two(fields.operands, "an expression and a name")
-        self._substitutions.assign(name, str(self._constant(self._substitutions.apply(text))))
+        self._substitutions.assign(name, str(self._owner.constant(self._substitutions.apply(text))))
 
     def _var(self, line: SourceLine, fields: Fields) -> None:
         for name in split_operands(fields.operands):

@@ -10,22 +10,24 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from firmware_sim.c3x.registers import REGISTER_CODES
 from firmware_sim.toolchain.diagnostics import SourceError
-from firmware_sim.toolchain.expressions import NAME
+from firmware_sim.toolchain.functions import TEXT_FUNCTIONS
 from firmware_sim.toolchain.lexer import unquote
 
 _LONGEST: Final = 10_000
 _FORCED: Final = re.compile(r":([A-Za-z_]\w*)(?:\((\d+)(?:,(\d+))?\))?:")
 _PIECE: Final = re.compile(r""""[^"]*"|'[^']*'|(?<![\w.$])[A-Za-z_.$][\w.$]*""")
+_CALL: Final = re.compile(rf"\$({'|'.join((*TEXT_FUNCTIONS, 'isdefed', 'ismember'))})\(([^()]*)\)", re.IGNORECASE)
 _UNIQUE: Final = re.compile(r"(?<![\w.$])([A-Za-z_][\w.$]*)\?")
 
 
 class Substitutions:
     """The substitution symbols of a source and of the macros that are being expanded, innermost last."""
 
-    def __init__(self) -> None:
+    def __init__(self, is_defined: Callable[[str], bool]) -> None:
+        """``is_defined`` knows the labels and constants of the source, for ``$isdefed``."""
         self._frames: list[dict[str, str]] = [{}]
+        self._is_defined = is_defined
 
     def push(self, frame: dict[str, str]) -> None:
         """Begin the expansion of a macro with its own symbols."""
@@ -45,9 +47,36 @@ class Substitutions:
         self._frames[-1][name] = ""
 
     def apply(self, text: str) -> str:
-        """``text`` with every symbol replaced, and those in what replaced it."""
+        """``text`` with every function called, every symbol replaced, and those in what replaced it."""
+        return self._replace(_CALL.sub(self._call, text) if "$" in text else text)
+
+    def _replace(self, text: str) -> str:
         table = {name: value for frame in self._frames for name, value in frame.items()}
         return _replaced(_FORCED.sub(lambda match: _forced(match, table), text), table) if table else text
+
+    def _call(self, match: re.Match[str]) -> str:
+        """The value of a function: a symbol among its arguments stands for its text, commas and all."""
+        name = match[1].lower()
+        first, _, second = (part.strip() for part in match[2].partition(","))
+        if name == "ismember":
+            return str(self._take_member(first, second))
+        texts = [unquote(self._replace(text)) for text in (first, second)]
+        if name == "isdefed":
+            return str(int(self._is_defined(unquote(texts[0]))))
+        return str(TEXT_FUNCTIONS[name](texts[0], texts[1]))
+
+    def _take_member(self, name: str, of: str) -> int:
+        """Let ``name`` stand for the first item of the list that ``of`` stands for, and ``of`` for the others.
+
+        1 if there was one, 0 if the list was empty.
+        """
+        members = self._replace(of)
+        if not members:
+            return 0
+        first, _, others = members.partition(",")
+        self.assign(name, first.strip())
+        self.assign(of, others.strip())
+        return 1
 
 
 def _forced(match: re.Match[str], table: Mapping[str, str]) -> str:
@@ -75,25 +104,9 @@ def _replaced(text: str, table: Mapping[str, str]) -> str:
     return result
 
 
-def call_functions(text: str) -> str:
-    """``text`` with the functions of the macro language replaced by their values; their arguments are plain text."""
-    return _CALL.sub(lambda match: str(_FUNCTIONS[match[1].lower()](*_two_texts(match[2]))), text)
-
-
-def _two_texts(arguments: str) -> tuple[str, str]:
-    first, _, second = arguments.partition(",")
-    return unquote(first.strip()), unquote(second.strip())
-
-
-_FUNCTIONS: Final[dict[str, Callable[[str, str], int]]] = {
-    "symlen": lambda text, _: len(text),
-    "symcmp": lambda text, other: (text > other) - (text < other),
-    "firstch": lambda text, character: text.find(character.strip("'")) + 1,
-    "lastch": lambda text, character: text.rfind(character.strip("'")) + 1,
-    "isreg": lambda text, _: int(text.upper() in REGISTER_CODES),
-    "isname": lambda text, _: int(re.fullmatch(NAME, text) is not None),
-}
-_CALL: Final = re.compile(rf"\$({'|'.join(_FUNCTIONS)})\(([^()]*)\)", re.IGNORECASE)
+def without_forced(text: str) -> str:
+    """``text`` with an ``x`` for every ``:name:``: its shape, before the names stand for anything."""
+    return _FORCED.sub("x", text)
 
 
 def with_unique_labels(text: str, suffix: str) -> str:

@@ -64,6 +64,28 @@ def words(source: str) -> list[int]:
             " NOP\n .word 3",
             id="functions of texts",
         ),
+        pytest.param(
+            "PUSHM .macro LIST\n .var ITEM\n"
+            " .loop\n .break ($ISMEMBER(ITEM, LIST) == 0)\n PUSH ITEM\n .endloop\n .endm\n"
+            "both .macro a,b\n PUSHM a,b\n .endm\n PUSHM R0\n both R1,AR2\n",
+            " PUSH R0\n PUSH R1\n PUSH AR2",
+            id="members of a list",
+        ),
+        pytest.param(
+            "X .set 1\n .word $isdefed(\"X\"),$isdefed(Y)\n .word $iscons(101b),$iscons(7q),$iscons(0FFh),$iscons('a'),$iscons(9),$iscons(x)\n",
+            " .word 1,0,1,2,3,4,5,0",
+            id="what a text is",
+        ),
+        pytest.param(
+            "m .macro list\n .word $symlen(list),$firstch(list,',')\n .endm\n m 1,2\n",
+            " .word 3,2",
+            id="text with commas",
+        ),
+        pytest.param(
+            "outer .macro n\n:n: .macro\n LDI 3,R0\n .endm\n .endm\n outer load\n load\n",
+            " LDI 3,R0",
+            id="macro of macros",
+        ),
         pytest.param("LS .macro n,r\n LSH n,r\n .endm\n LS 8,R0\n", " LSH 8,R0", id="upper-case macro"),
         pytest.param("RS .macro n,r\n LSH -n,r\n .endm\n RS 8,R0\n", " LSH -8,R0", id="macro named as a register"),
         pytest.param("m .macro\n NOP\n .endm\nx m\n BR x\n", "x NOP\n BR x", id="label at a call"),
