@@ -22,7 +22,7 @@ from firmware_sim.toolchain.expressions import ABSOLUTE, Value
 from firmware_sim.toolchain.image import Image, Section, SectionKind, Symbol
 from firmware_sim.toolchain.module import Module, export
 from firmware_sim.toolchain.reader import read_source
-from firmware_sim.toolchain.sections import Code, Data, Fill, Item, Part, Words, place
+from firmware_sim.toolchain.sections import Bits, Code, Data, Fill, Item, Part, Words, place
 from firmware_sim.toolchain.symbols import Context, Label, Program, Register
 
 _ENTRY_NAMES: Final = ("_c_int00", "c_int00")
@@ -171,6 +171,8 @@ def _words(module: Module, part: Part, item: Item, errors: ErrorLog) -> list[int
         return [word for text in item.texts for word in _data(item, text, context, errors)]
     if isinstance(item, Words):
         return item.words
+    if isinstance(item, Bits):
+        return [_bits(item, context, errors)]
     assert isinstance(item, Fill)
     return [item.word] * item.size
 
@@ -183,6 +185,16 @@ def _code(item: Code, context: Context, errors: ErrorLog) -> int:
         culprit = name if error.operand is None else [*operands, name][min(error.operand, len(operands))]
         errors.add(line, SourceError(str(error), culprit))
     return 0
+
+
+def _bits(item: Bits, context: Context, errors: ErrorLog) -> int:
+    word = 0
+    for text, low, width, line in item.fields:
+        try:
+            word |= (context.integer(text) & ((1 << width) - 1)) << low
+        except UsageError as error:
+            errors.add(line, SourceError(str(error), text))
+    return word
 
 
 def _data(item: Data, text: str, context: Context, errors: ErrorLog) -> list[int]:

@@ -16,23 +16,16 @@ _TOO_LARGE: Final = 2.0**128 - 2.0**103
 _LEAST: Final = -(2.0**128)
 
 
-def _integer(text: str, context: Context) -> int:
-    number = context.value(text).number
-    if not isinstance(number, int):
-        raise OperandError(f"an integer was expected, found {text}")
-    return number
-
-
 def _word(text: str, context: Context) -> int:
-    return _integer(text, context) & 0xFFFF_FFFF
+    return context.integer(text) & 0xFFFF_FFFF
 
 
 def _half(text: str, context: Context) -> int:
-    return _integer(text, context) & 0xFFFF
+    return context.integer(text) & 0xFFFF
 
 
 def _byte(text: str, context: Context) -> int:
-    return _integer(text, context) & 0xFF
+    return context.integer(text) & 0xFF
 
 
 def _number(text: str, context: Context) -> float:
@@ -87,6 +80,7 @@ _WORD_OF: Final[dict[str, Callable[[str, Context], int]]] = {
     ".uchar": _byte,
     ".float": _float,
     ".single": _float,
+    ".double": _float,
     ".ieee": _ieee,
 }
 """The word that an operand of each directive makes."""

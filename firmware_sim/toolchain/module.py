@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +14,8 @@ from firmware_sim.toolchain.expressions import Value
 from firmware_sim.toolchain.image import SectionKind
 from firmware_sim.toolchain.lexer import Fields, split_operands, split_parallel, unquote
 from firmware_sim.toolchain.reader import SourceReader
-from firmware_sim.toolchain.sections import MEMORY_WORDS, Code, Data, Fill, Item, Part, Words
+from firmware_sim.toolchain.sections import MEMORY_WORDS, Bits, Code, Data, Fill, Item, Part, Words
+from firmware_sim.toolchain.structures import Structures
 from firmware_sim.toolchain.symbols import Context, Expression, Label, Meaning, Program, Register, Symbols
 
 NOP: Final = 0x0C80_0000
@@ -24,19 +23,11 @@ _CACHE_LINE: Final = 32  # what .align means without a number: a segment of the 
 
 _IGNORED: Final = (
     *(".block", ".clink", ".endblock", ".endfunc", ".eos", ".etag", ".file", ".func", ".line", ".member", ".regalias"),
-    *(".stag", ".sym", ".utag", ".version"),
+    *(".sblock", ".stag", ".sym", ".utag", ".version", ".noremark", ".remark"),
     *(".drlist", ".drnolist", ".fclist", ".fcnolist", ".length", ".list", ".mlist", ".mnolist", ".nolist", ".option"),
     *(".page", ".ssblock", ".sslist", ".ssnolist", ".tab", ".title", ".width", ".mmsg", ".wmsg"),
 )
 """Directives for listings and debuggers: they make no words."""
-
-
-@dataclass
-class Structure:
-    """A .struct that is being read: the names of its members begin with ``prefix``; ``size`` so far, in words."""
-
-    prefix: str
-    size: int
 
 
 class Module:
@@ -49,12 +40,13 @@ class Module:
         self.reader = SourceReader(self, errors, include_folders)
         self._local_block = 0
         self._part = self._enter(".text", SectionKind.TEXT)
-        self._structure: Structure | None = None
+        self._structures = Structures()
         self._waiting: Code | None = None  # the instruction that a line with || would join
         self._is_open = False  # whether that instruction's own line ended with ||
         self._directives: dict[str, Callable[[SourceLine, Fields], None]] = {
             ".text": lambda line, fields: self._go_to(".text", SectionKind.TEXT, line, fields),
             ".data": lambda line, fields: self._go_to(".data", SectionKind.DATA, line, fields),
+            ".const": lambda line, fields: self._go_to(".const", SectionKind.DATA, line, fields),
             ".sect": self._sect,
             ".asect": self._asect,
             ".bss": self._bss,
@@ -71,9 +63,14 @@ class Module:
             ".align": self._align,
             ".newblock": lambda line, fields: self.new_local_block(),
             ".emsg": self._emsg,
-            ".struct": self._struct,
-            ".endstruct": self._endstruct,
-            ".tag": self._member,
+            ".struct": lambda line, fields: self._struct(line, fields, is_union=False),
+            ".union": lambda line, fields: self._struct(line, fields, is_union=True),
+            ".endstruct": lambda line, fields: self._endstruct(line, fields, is_union=False),
+            ".endunion": lambda line, fields: self._endstruct(line, fields, is_union=True),
+            ".tag": self._tag,
+            ".field": self._field,
+            ".label": self._load_label,
+            **dict.fromkeys(_WITHOUT_DOT, self._set),
             **dict.fromkeys((*DIRECTIVES, *PACKED), self._data),
             **dict.fromkeys(_IGNORED, lambda line, fields: self._here(line, fields)),
         }
@@ -81,7 +78,7 @@ class Module:
     # What the reader asks ---------------------------------------------------------------------------------
 
     def is_instruction(self, name: str) -> bool:
-        return name.upper() in MNEMONICS
+        return name.upper() in MNEMONICS or name.lower() in _WITHOUT_DOT
 
     def stands_alone(self, name: str) -> bool:
         return name.upper() in NAMES_WITHOUT_OPERANDS
@@ -113,7 +110,7 @@ class Module:
             self.listed.append((line, None))
             if fields.label:
                 self.label(line, fields.label)
-        elif self._structure and operation != ".endstruct":
+        elif self._structures and operation not in _STRUCTURING:
             self._member(line, fields)
         elif operation in self._directives and not fields.is_parallel:
             self._waiting = None
@@ -127,8 +124,8 @@ class Module:
         """Check what must not be open at the end of the source. Raises SourceError."""
         if self._is_open:
             raise SourceError("an instruction was expected after ||, found the end of the source", "||")
-        if self._structure:
-            raise SourceError(".endstruct was expected, found the end of the source")
+        if self._structures:
+            raise SourceError(f"{self._structures.closer()} was expected, found the end of the source")
 
     # Places -----------------------------------------------------------------------------------------------
 
@@ -167,8 +164,10 @@ class Module:
         first, *second = split_parallel(fields.operands)
         statement = (fields.operation, split_operands(first), line)
         if fields.is_parallel:
-            self._join(statement, fields)
+            self._join(statement)
             self.listed.append((line, None))
+            if fields.label:  # both halves are in one word, the one before this place
+                self.symbols.define(fields.label, Label(self._part, self._part.size - 1), self._local_block)
         else:
             if fields.label:
                 self.label(line, fields.label)
@@ -176,11 +175,11 @@ class Module:
             self._put(line, self._waiting)
         if second and second[0].strip():
             name, _, operands = second[0].strip().replace("\t", " ").partition(" ")
-            self._join((name, split_operands(operands), line), fields)
+            self._join((name, split_operands(operands), line))
         elif second:
             self._is_open = True
 
-    def _join(self, statement: tuple[str, list[str], SourceLine], fields: Fields) -> None:
+    def _join(self, statement: tuple[str, list[str], SourceLine]) -> None:
         """Make a statement parallel to the one before it."""
         if self._waiting is None or len(self._waiting.statements) > 1:
             raise SourceError(f"an instruction was expected before || {statement[0]}", statement[0])
@@ -291,45 +290,84 @@ class Module:
         if fields.label:
             self.label(line, fields.label)
 
-    # Structures: names for offsets (SPRU035, .struct) --------------------------------------------------------
+    def _field(self, line: SourceLine, fields: Fields) -> None:
+        """.field value[,bits]: from the low bits of a word on; one that does not fit begins the next word."""
+        operands = _operands(fields, 1, "a value")
+        width = self._context().constant(operands[1]) if len(operands) > 1 else _WORD_BITS
+        if not 1 <= width <= _WORD_BITS:
+            raise SourceError(f"a size from 1 to {_WORD_BITS} bits was expected, found {operands[1]}", operands[1])
+        last = self._part.items[-1] if self._part.items else None
+        if not isinstance(last, Bits) or last.used + width > _WORD_BITS:
+            last = Bits(*self._item(line, 1))
+            self._put(line, last)
+        else:
+            self.listed.append((line, None))
+        last.fields.append((operands[0], last.used, width, line))
+        last.used += width
+        if fields.label:
+            self.symbols.define(fields.label, Label(self._part, last.offset), self._local_block)
 
-    def _struct(self, line: SourceLine, fields: Fields) -> None:
+    def _load_label(self, line: SourceLine, fields: Fields) -> None:
+        """.label name: where the next word is loaded, which is where it runs."""
+        self.label(line, _operands(fields, 1, "a name")[0])
+        self.listed.append((line, None))
+
+    # Structures -------------------------------------------------------------------------------------------
+
+    def _struct(self, line: SourceLine, fields: Fields, *, is_union: bool) -> None:
         start = self._context().constant(fields.operands) if fields.operands else 0
-        self._structure = Structure(fields.label, start)
+        self._structures.begin(fields.label, start, is_union=is_union)
         self.listed.append((line, None))
 
     def _member(self, line: SourceLine, fields: Fields) -> None:
         """``name .int count`` in a structure, or ``name .tag structure,count``; a count that is not given is 1."""
-        structure = self._structure
         operation = fields.operation.lower()
-        if structure is None or operation not in (*DIRECTIVES, ".tag", ".space"):
+        operands = split_operands(fields.operands)
+        layout = None
+        if operation == ".tag":
+            layout = self._structures.layouts.get(_operands(fields, 1, "the name of a structure")[0])
+            unit = layout.size if layout else self._size(operands[0])
+            operands = operands[1:]
+        elif operation in (*DIRECTIVES, ".space"):
+            unit = words_per_item(operation)
+        else:
             raise SourceError(f"a member of a structure was expected, found {fields.operation}", fields.operation)
-        if fields.label:
-            name = f"{structure.prefix}.{fields.label}" if structure.prefix else fields.label
-            self.symbols.define(name, Value(structure.size), self._local_block)
-        sizes = [self._size(text) for text in split_operands(fields.operands)]
-        structure.size += math.prod(sizes)
+        self._structures.add(fields.label, unit * (self._size(operands[0]) if operands else 1), layout)
         self.listed.append((line, None))
 
-    def _endstruct(self, line: SourceLine, fields: Fields) -> None:
-        if self._structure is None:
-            raise SourceError(".struct was expected before .endstruct", fields.operation)
-        for name in {self._structure.prefix, fields.label} - {""}:
-            self.symbols.define(name, Value(self._structure.size), self._local_block)
-        self._structure = None
+    def _endstruct(self, line: SourceLine, fields: Fields, *, is_union: bool) -> None:
+        size = self._structures.size
+        names = self._structures.end(is_union=is_union)
+        for name, value in {**names, **({fields.label: size} if fields.label else {})}.items():
+            self.symbols.define(name, Value(value), self._local_block)
+        self.listed.append((line, None))
+
+    def _tag(self, line: SourceLine, fields: Fields) -> None:
+        """``name .tag structure``: name.member is an address, that of ``name`` plus the member's offset."""
+        structure = _operands(fields, 1, "the name of a structure")[0]
+        layout = self._structures.layouts.get(structure)
+        if layout is None or not fields.label:
+            raise SourceError(f"a name and a structure were expected around .tag, found {structure}", structure)
+        for member, offset in layout.members.items():
+            meaning = Expression(f"{fields.label}+{offset}", self._context())
+            self.symbols.define(f"{fields.label}.{member}", meaning, self._local_block)
         self.listed.append((line, None))
 
     def _emsg(self, line: SourceLine, fields: Fields) -> None:
         raise SourceError(unquote(fields.operands))
 
 
+_WORD_BITS: Final = 32
+_WITHOUT_DOT: Final = frozenset(("equ", "set"))
+_STRUCTURING: Final = frozenset((".struct", ".endstruct", ".union", ".endunion"))
 _KINDS: Final = {".text": SectionKind.TEXT, ".data": SectionKind.DATA}
 
 
 def _operands(fields: Fields, count: int, what: str) -> list[str]:
     operands = split_operands(fields.operands)
     if len(operands) < count or not all(operands[:count]):
-        raise SourceError(f"{what} were expected after {fields.operation}", fields.operation)
+        verb = "was" if count == 1 else "were"
+        raise SourceError(f"{what} {verb} expected after {fields.operation}", fields.operation)
     return operands
 
 

@@ -53,6 +53,14 @@ class Words(Item):
 
 
 @dataclass(eq=False)
+class Bits(Item):
+    """One word that several texts fill from its low bits on: each with its lowest bit, its width and its line."""
+
+    used: int = 0
+    fields: list[tuple[str, int, int, SourceLine]] = field(default_factory=list)
+
+
+@dataclass(eq=False)
 class Fill(Item):
     """The same word ``size`` times."""
 

@@ -128,6 +128,13 @@ class Context:
             raise OperandError(f"an expression that does not depend on itself was expected, found {text}")
         return evaluate(text, lambda name: self._lookup(name, depth))
 
+    def integer(self, text: str) -> int:
+        """The integer that ``text`` says, an address among them. Raises OperandError."""
+        number = self.value(text).number
+        if not isinstance(number, int):
+            raise OperandError(f"an integer was expected, found {text}")
+        return number
+
     def constant(self, text: str) -> int:
         """The integer that ``text`` says, known before addresses are. Raises OperandError."""
         value = self.value(text)

@@ -148,6 +148,25 @@ def test_symbols_can_be_set_to_addresses_and_used_before_they_are_defined() -> N
     assert words[:2] == [0x0860_0001, 0x6000_0004]
 
 
+def test_fields_fill_words_from_the_low_bits_on() -> None:
+    """.field packs what fits; the label names the word; anything else begins the next one."""
+    source = " .field 3,4\nx .field later,8\n .field 1\nlater .field -1,16\n .field 5,17\n .word x\n .field 2,2\n"
+    assert text(source) == [0x23, 1, 0xFFFF, 5, 0, 2]
+
+
+def test_equ_and_set_without_a_dot() -> None:
+    same("LT EQU 'LT'\nB\tSET\t5\n LDI LT,R0\n LDI B,R0\n B $\n", " LDI 544Ch,R0\n LDI 5,R0\n B 2\n")
+
+
+def test_other_labels() -> None:
+    """.label, and a label in front of the second half of a pair."""
+    same(
+        " NOP\n .label load\n LDI *AR0,R1\npair: || STI R2,*AR1\n BR load\n BR pair\n",
+        " NOP\n LDI *AR0,R1 || STI R2,*AR1\n BR 1\n BR 1\n",
+    )
+    assert assemble(" .const\n .word 5\n").sections[".const"].words == [5]
+
+
 def test_structures_name_offsets() -> None:
     same(
         """

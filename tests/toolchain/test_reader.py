@@ -72,7 +72,8 @@ def words(source: str) -> list[int]:
             id="members of a list",
         ),
         pytest.param(
-            "X .set 1\n .word $isdefed(\"X\"),$isdefed(Y)\n .word $iscons(101b),$iscons(7q),$iscons(0FFh),$iscons('a'),$iscons(9),$iscons(x)\n",
+            'X .set 1\n .word $isdefed("X"),$isdefed(Y)\n'
+            " .word $iscons(101b),$iscons(7q),$iscons(0FFh),$iscons('a'),$iscons(9),$iscons(x)\n",
             " .word 1,0,1,2,3,4,5,0",
             id="what a text is",
         ),
