@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from firmware_sim.report import Report
 from firmware_sim.toolchain.disassembler import disassemble
 from firmware_sim.toolchain.image import Image
 
+if TYPE_CHECKING:
+    from firmware_sim.value_changes import ValueChanges
+
 ENGINE = "iss"
 _NAMES = {INT0: "adc", INT1: "uart", TINT0: "nav"}
 _ALWAYS_REPORTED = (TINT0, INT0, INT1)
@@ -33,6 +36,7 @@ def run(
     *,
     has_pipeline: bool = True,
     trace: TextIO | None = None,
+    changes: ValueChanges | None = None,
     open_line: Callable[[], Line] = NullLine,
     progress: Callable[[float, float], None] | None = None,
     announce: Callable[[str], None] | None = None,
@@ -40,13 +44,16 @@ def run(
     """Run a flight with the program ``image`` on the board; ``source`` names it in messages. As ``bench.run``.
 
     Without ``has_pipeline`` each instruction takes the cycles of its description alone. ``trace`` takes a line for each
-    instruction that is executed.
+    instruction that is executed, ``changes`` the levels on the board when they change; both make a run slow.
 
     Raises UsageError also for an image that the board cannot hold and for a program that runs wild.
     """
     run_of_image = _ImageRun(flight, open_line, progress or ignore, announce or ignore)
-    run_of_image.load(image, source, has_pipeline, trace)
-    return run_of_image.fly()
+    run_of_image.load(image, source, has_pipeline, trace, changes)
+    report = run_of_image.fly()
+    if changes:
+        changes.end(run_of_image.board.now)
+    return report
 
 
 _text = functools.lru_cache(maxsize=1 << 16)(disassemble)
@@ -66,7 +73,9 @@ class _ImageRun(BoardRun):
 
     processor: TargetProcessor
 
-    def load(self, image: Image, source: str, has_pipeline: bool, trace: TextIO | None) -> None:
+    def load(
+        self, image: Image, source: str, has_pipeline: bool, trace: TextIO | None, changes: ValueChanges | None
+    ) -> None:
         """Put the program into the board."""
         self.trace = trace
         self.processor = TargetProcessor(
@@ -76,6 +85,7 @@ class _ImageRun(BoardRun):
             disassemble,
             has_pipeline=has_pipeline,
             on_trace=self._write_trace if trace else None,
+            on_changes=changes.add if changes else None,
         )
         self.watch = new_stopwatch(max(BITS.values()) + 1)
         self.ticks = 0

@@ -215,7 +215,7 @@ def _open_line(options: argparse.Namespace, flight: Flight) -> Line:
 
 def _check_outputs(options: argparse.Namespace) -> dict[str, Path]:
     """The files that the run will write. Raises UsageError for one that it cannot, or that would destroy another."""
-    given = {name: getattr(options, name) for name in ("raw", "report")}
+    given = {name: getattr(options, name) for name in ("raw", "report", "trace", "vcd")}
     outputs = {name: Path(text) for name, text in given.items() if text is not None}
     inputs = [Path(text) for text in (options.scenario, options.board, options.image) if text]
     for name, path in outputs.items():

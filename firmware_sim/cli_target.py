@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from firmware_sim.bench import Flight
     from firmware_sim.report import Report
     from firmware_sim.toolchain.image import Image
+    from firmware_sim.value_changes import ValueChanges
 
 FINE = 0
 ENGINE = "iss"
@@ -57,12 +58,15 @@ def add_run_options(run: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--trace", metavar="FILE", help="write each instruction that --engine iss executes, with its cycle"
     )
+    run.add_argument(
+        "--vcd", metavar="FILE", help="write interrupts, services and the UART's line of --engine iss for a wave viewer"
+    )
 
 
 def bench_of(options: argparse.Namespace) -> Callable[..., Report]:
     """What runs a flight: the native bench, or that of an image. Raises UsageError for an image that cannot be read."""
     if options.engine != ENGINE:
-        for name in ("image", "trace"):
+        for name in ("image", "trace", "vcd"):
             if getattr(options, name) is not None:
                 raise UsageError(f"--{name}: expected with --engine iss, found --engine {options.engine}")
         from firmware_sim import bench
@@ -78,15 +82,25 @@ def bench_of(options: argparse.Namespace) -> Callable[..., Report]:
 def _run_image(options: argparse.Namespace, image: Image, flight: Flight, **named: Any) -> Report:
     from firmware_sim import bench_image
 
-    with contextlib.nullcontext() if options.trace is None else _opened(options.trace) as trace:
+    with contextlib.ExitStack() as files:
         return bench_image.run(
             flight,
             image,
             options.image,
             has_pipeline=options.timing == "pipeline",
-            trace=trace,
+            trace=None if options.trace is None else files.enter_context(_opened(options.trace)),
+            changes=None if options.vcd is None else files.enter_context(_value_changes(options.vcd, flight)),
             **named,
         )
+
+
+@contextlib.contextmanager
+def _value_changes(name: str, flight: Flight) -> Iterator[ValueChanges]:
+    """A dump in a file. Raises UsageError as ``_opened``, and without the library that writes it."""
+    from firmware_sim.value_changes import ValueChanges
+
+    with _opened(name) as file, ValueChanges(file, flight.sheet.h1_hz) as changes:
+        yield changes
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -105,6 +106,7 @@ def test_an_image_that_is_larger_than_memory_is_refused(capsys: pytest.CaptureFi
         (RUN, "expected --image IMAGE.out, found none"),
         (["run", "static", "--image", "x.out"], "--image: expected with --engine iss, found --engine c3x"),
         (["run", "static", "--trace", "x.txt"], "--trace: expected with --engine iss, found --engine c3x"),
+        (["run", "static", "--vcd", "x.vcd"], "--vcd: expected with --engine iss, found --engine c3x"),
         (["debug", "missing.out"], "missing.out: expected a readable image"),
         ([*RUN, "--timing", "slow"], "invalid choice: 'slow'"),
     ],
@@ -162,13 +164,38 @@ def test_a_trace_has_each_instruction_with_its_cycle(image: Path, tmp_path: Path
     assert [int(row[0]) for row in rows[1:]] == list(range(1, 999_999, 4))
 
 
-def test_a_trace_that_cannot_be_written_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, image: Path
+@pytest.mark.parametrize("option", ["--trace", "--vcd"])
+def test_a_recording_that_cannot_be_written_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, image: Path, option: str
 ) -> None:
-    missing = tmp_path / "missing" / "trace.txt"
-    status, said = status_and_sentence(capsys, *RUN, "--image", image, "--trace", missing)
+    for path in (tmp_path / "missing" / "file", Path("/dev/full")):
+        status, said = status_and_sentence(capsys, *RUN, "--image", image, option, path)
+        assert status == 2
+        assert said.startswith(f"firmware-sim: {path}: expected a file that can be written")
+        assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["--trace", "--vcd"])
+def test_a_recording_does_not_destroy_what_the_run_uses(
+    capsys: pytest.CaptureFixture[str], image: Path, option: str
+) -> None:
+    before = image.read_bytes()
+    status, said = status_and_sentence(capsys, *RUN, "--image", image, option, image)
     assert status == 2
-    assert said.startswith(f"firmware-sim: {missing}: expected a file that can be written")
+    assert "expected a file of its own" in said
+    assert image.read_bytes() == before
+
+
+def test_a_dump_without_its_library_is_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, image: Path
+) -> None:
+    monkeypatch.delitem(sys.modules, "firmware_sim.value_changes", raising=False)
+    monkeypatch.setitem(sys.modules, "vcd", None)
+    path = tmp_path / "run.vcd"
+    status, said = status_and_sentence(capsys, *RUN, "--image", image, "--vcd", path)
+    assert status == 2
+    assert said == "firmware-sim: --vcd needs pyvcd, which is not installed: pip install 'firmware-sim[vcd]'\n"
+    assert not path.exists()
 
 
 def test_debug_is_driven_by_a_script(

@@ -25,7 +25,9 @@ from firmware_sim.board.bus import (
 from firmware_sim.board.dma_transfers import move_words
 from firmware_sim.board.machine import Machine, run_interpreter
 from firmware_sim.board.service_log import CAPACITY, note_entry, note_requests, note_return
+from firmware_sim.board.uart import uart_advance, uart_next_event
 from firmware_sim.board.watchdog import watchdog_bites
+from firmware_sim.board.waveform import Waveform, record, waveform_is_full
 from firmware_sim.c3x.addressing import ADDRESS_MASK
 from firmware_sim.c3x.decoding import BREAKPOINT, RETURN_FROM_INTERRUPT
 from firmware_sim.c3x.interpreter import INTERRUPT_CYCLES, INTERRUPT_SOURCES
@@ -93,7 +95,7 @@ def _next_stop(circuit: Circuit, machine: Machine, services: Services, is_steppi
     if interrupts[0].edge == 0 and interrupts[0].lines & _EXTERNAL & services.state[0].enabled:
         # A held line requests again right after the acknowledge, which is not seen from here.
         return next_cycle
-    if is_stepping or machine.registers[IF] & services.state[0].enabled:
+    if (is_stepping and not machine.state[0].is_idle) or machine.registers[IF] & services.state[0].enabled:
         # So that every instruction is seen, or the beginning of a service.
         return next_cycle
     return coming
@@ -178,13 +180,20 @@ def _deliver_writes(circuit: Circuit, peripherals: Peripherals, machine: Machine
 
 @jit
 def run_machine(
-    circuit: Circuit, peripherals: Peripherals, machine: Machine, services: Services, trace: Trace, until: int
+    circuit: Circuit,
+    peripherals: Peripherals,
+    machine: Machine,
+    services: Services,
+    trace: Trace,
+    wave: Waveform,
+    until: int,
 ) -> int:
     """Run to cycle ``until`` (HORIZON), or until Python has to help: another Reason, WATCHDOG_BITES or LOG_FULL.
 
     The circuit is advanced to the cycle that is reached.
     """
     state, registers = machine.state, machine.registers
+    is_traced, is_recorded = trace.is_on[0] != 0, wave.state[0].is_on != 0
     while True:
         now = state[0].cycles
         coming = min(circuit_next(circuit), peripherals_next(peripherals))
@@ -204,13 +213,16 @@ def run_machine(
             if circuit.interrupts[0].flags:
                 continue
             coming = min(circuit_next(circuit), peripherals_next(peripherals))
+        if is_recorded:
+            uart_advance(circuit.uart, circuit.out, now)
+            record(wave, circuit, machine, services.state, now)
+            coming = min(coming, uart_next_event(circuit.uart))
         if now >= until:
             circuit_advance(circuit, now)
             return _HORIZON
-        if services.state[0].count == CAPACITY or trace.used[0] == trace.rows.shape[0]:
+        if services.state[0].count == CAPACITY or trace.used[0] == trace.rows.shape[0] or waveform_is_full(wave):
             return LOG_FULL
-        is_traced = trace.is_on[0] != 0
-        stop = _next_stop(circuit, machine, services, is_traced, min(until, coming))
+        stop = _next_stop(circuit, machine, services, is_traced or is_recorded, min(until, coming))
         here, instructions = state[0].pc, state[0].instructions
         flags = registers[IF]
         reason = run_interpreter(machine, stop)

@@ -16,6 +16,7 @@ from firmware_sim.board.service_log import new_service_log
 from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.board.timer import new_timer
 from firmware_sim.board.uart import new_uart
+from firmware_sim.board.waveform import new_waveform
 from firmware_sim.c3x.cpu import Cpu, ProgramError
 from firmware_sim.c3x.decoding import BREAKPOINT, RETURN_FROM_INTERRUPT
 from firmware_sim.c3x.machine import Reason
@@ -52,10 +53,11 @@ class TargetProcessor:
         has_pipeline: bool = True,
         measure: bool = True,
         on_trace: Callable[[NDArray[np.int64]], None] | None = None,
+        on_changes: Callable[[NDArray[np.int64]], None] | None = None,
     ) -> None:
         """Without ``has_pipeline`` stalls cost nothing; ``measure`` false leaves the services unmeasured.
         ``on_trace`` is given what was executed, in its order: (n, 2), the cycle in which an instruction began and its
-        address. It makes a run slow.
+        address. ``on_changes`` is given the changes of a ``Waveform``, (n, 3). Both make a run slow.
 
         Raises UsageError, naming ``source``, for an image that does not fit into the board's memory.
         """
@@ -67,9 +69,10 @@ class TargetProcessor:
         self.trace = Trace(
             np.array([int(on_trace is not None)]), np.zeros(1, np.int64), np.zeros((_TRACE_ROWS, 2), np.int64)
         )
+        self.waveform = new_waveform(on_changes is not None)
         self.resets = 0
         self._off_before_reset = 0
-        self._on_trace = on_trace
+        self._on_trace, self._on_changes = on_trace, on_changes
         self._measured: list[NDArray[np.int64]] = []
         _check_fits(image, source)
         for section in image.sections.values():
@@ -105,8 +108,10 @@ class TargetProcessor:
         """As ``run``, but may stop before ``until``: at a breakpoint, or behind SWI."""
         self.machine.state["cycles"] = now
         while True:
-            code = int(run_machine(circuit, self.peripherals, self.machine, self.services, self.trace, until))
-            self._give_trace()
+            code = int(
+                run_machine(circuit, self.peripherals, self.machine, self.services, self.trace, self.waveform, until)
+            )
+            self._give_recorded()
             if code == WATCHDOG_BITES:
                 self.reset(circuit)
                 continue
@@ -144,10 +149,13 @@ class TargetProcessor:
         self._measured.clear()
         return measured
 
-    def _give_trace(self) -> None:
+    def _give_recorded(self) -> None:
         if self._on_trace is not None:
             self._on_trace(self.trace.rows[: int(self.trace.used[0])])
             self.trace.used[0] = 0
+        if self._on_changes is not None:
+            self._on_changes(self.waveform.changes[: int(self.waveform.state["used"][0])])
+            self.waveform.state["used"] = 0
 
     def _collect_services(self) -> None:
         state, log = self.services.state, self.services.log

@@ -30,7 +30,7 @@ DATA, IER, IIR_FCR, LCR, MCR, LSR, MSR, SCR = range(8)
 IER_RECEIVE, IER_TRANSMIT, IER_LINE_STATUS = 1, 2, 4
 IIR_NONE, IIR_TRANSMIT, IIR_RECEIVE, IIR_LINE_STATUS, IIR_TIMEOUT = 0x01, 0x02, 0x04, 0x06, 0x0C
 FCR_ENABLE, FCR_CLEAR_RECEIVE, FCR_CLEAR_TRANSMIT = 1, 2, 4
-LCR_8N1, LCR_DLAB = 0x03, 0x80
+LCR_8N1, LCR_STICK_PARITY, LCR_DLAB = 0x03, 0x20, 0x80
 LSR_READY, LSR_OVERRUN, LSR_FIFO_EMPTY, LSR_IDLE = 0x01, 0x02, 0x20, 0x40
 
 FIFO_SIZE = 16
@@ -60,6 +60,8 @@ UART = np.dtype(
         ("tx_byte", "i8"),
         ("tx_cycle", "i8"),  # end of the byte in the shift register, or start bit of the next; FAR_FUTURE
         ("tx_remainder", "i8"),
+        ("tx_start", "i8"),  # beginning of the byte that was last moved into the shift register
+        ("tx_start_remainder", "i8"),
         ("empty_pending", "i8"),  # the transmit interrupt, whether or not IER lets it out
         ("empty_cycle", "i8"),  # when the delayed transmit interrupt comes; FAR_FUTURE
         ("rx_fifo", "u1", (FIFO_SIZE,)),
@@ -184,6 +186,7 @@ def _load_shift_register(state: NDArray[np.void]) -> None:
     state[0].tx_head = (state[0].tx_head + 1) % FIFO_SIZE
     state[0].tx_count -= 1
     state[0].tx_shifting = 1
+    state[0].tx_start, state[0].tx_start_remainder = state[0].tx_cycle, state[0].tx_remainder
     frame = _frame_half_bits(state)
     if state[0].tx_count == 0:
         if state[0].fifo_mode and state[0].tx_most < 2:
@@ -208,6 +211,35 @@ def _transmitter_event(state: NDArray[np.void], out: NDArray[np.uint8]) -> None:
         _load_shift_register(state)
     else:
         state[0].tx_cycle = FAR_FUTURE
+
+
+@jit
+def uart_bits(state: NDArray[np.void]) -> int:
+    """Start, data, parity and (first) stop bit of a byte; what follows is at rest."""
+    return 1 + 5 + (state[0].lcr & 3) + (state[0].lcr >> 3 & 1) + 1
+
+
+@jit
+def _parity_bit(state: NDArray[np.void]) -> int:
+    """Even or odd by LCR bit 4; with bit 5 it is the opposite of bit 4 whatever the byte is."""
+    is_even = state[0].lcr >> 4 & 1
+    parity = 1 - is_even
+    if state[0].lcr & LCR_STICK_PARITY == 0:
+        for bit in range(8):
+            parity ^= state[0].tx_byte >> bit & 1
+    return parity
+
+
+@jit
+def uart_level(state: NDArray[np.void], bit: int) -> tuple[int, int]:
+    """When bit ``bit`` of the byte in the shift register begins (the start bit is 0), and the line's level in it."""
+    cycle = _after(state, state[0].tx_start, state[0].tx_start_remainder, 2 * bit)[0]
+    data_bits = 5 + (state[0].lcr & 3)
+    if bit == 0:
+        return cycle, 0
+    if bit <= data_bits:
+        return cycle, state[0].tx_byte >> (bit - 1) & 1
+    return cycle, 1 if bit == uart_bits(state) - 1 else _parity_bit(state)
 
 
 @jit
