@@ -226,10 +226,10 @@ _CONDITIONAL_LOADS: Final = tuple(
 )
 
 _LDP_ROWS: Final = tuple(
-    Row(("LDP",), 0x5070_0000, operands, (syntax,), ("ldi_if",), Shape.GENERAL, PAGES.get("LDP"), is_alias=True)
-    for operands, syntax in (
-        ((Place(Page(), (0,)),), ((0,),)),
-        ((Place(Page(), (0,)), Place(RegisterField(16, 0, first=DP, count=1), (2,))), ((0, 1),)),
+    Row(("LDP",), pattern, operands, (syntax,), ("ldi_if",), Shape.GENERAL, PAGES.get("LDP"), is_alias=True)
+    for pattern, operands, syntax in (
+        (0x5060_0000 | DP << 16, (Place(Page(), (0,)),), ((0,),)),
+        (0x5060_0000, (Place(Page(), (0,)), Place(_ANY_REGISTER, (2,))), ((0, 1),)),
     )
 )
 

@@ -18,7 +18,7 @@ _LONGEST: Final = 10_000
 _FORCED: Final = re.compile(r":([A-Za-z_]\w*)(?:\((\d+)(?:,(\d+))?\))?:")
 _PIECE: Final = re.compile(r""""[^"]*"|'[^']*'|(?<![\w.$])[A-Za-z_.$][\w.$]*""")
 _CALL: Final = re.compile(rf"\$({'|'.join((*TEXT_FUNCTIONS, 'isdefed', 'ismember'))})\(([^()]*)\)", re.IGNORECASE)
-_UNIQUE: Final = re.compile(r"(?<![\w.$])([A-Za-z_][\w.$]*)\?")
+_UNIQUE: Final = re.compile(r""""[^"]*"|(?<![\w.$])(?P<label>[A-Za-z_][\w.$]*)\?""")
 
 
 class Substitutions:
@@ -111,4 +111,4 @@ def without_forced(text: str) -> str:
 
 def with_unique_labels(text: str, suffix: str) -> str:
     """``text`` with ``?`` after a label replaced by ``suffix``: labels of one expansion of a macro."""
-    return _UNIQUE.sub(rf"\1{suffix}", text)
+    return _UNIQUE.sub(lambda match: f"{match['label']}{suffix}" if match["label"] else match[0], text)

@@ -261,6 +261,7 @@ def test_undefined_words_are_none(word: int) -> None:
         ("LDP 809800h", "LDIU 128,DP"),
         ("LDP @12h", "LDIU 0,DP"),
         ("LDP 809800h,DP", "LDIU 128,DP"),
+        ("LDP @600000h,AR0", "LDIU 96,AR0"),
         ("BR @10h", "BR 10h"),
     ],
 )

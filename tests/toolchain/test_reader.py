@@ -45,6 +45,7 @@ def words(source: str) -> list[int]:
             "a SUBI 1,R1\n BNZ a\nb SUBI 1,R2\n BNZ b\n",
             id="labels of an expansion",
         ),
+        pytest.param('ask .macro\n .byte "why?"\n .endm\n ask\n', ' .byte "why?"', id="no label in a string"),
         pytest.param("m .macro a,b\n .word a\n .word b\n .endm\n m 1,2,3\n", " .word 1\n .word 2,3", id="rest"),
         pytest.param('m .macro a,b\n .word a,b\n .endm\n m "1,2",3\n', " .word 1,2,3", id="quoted argument"),
         pytest.param(
