@@ -1,8 +1,8 @@
 """What is behind each address of the board, and how a word gets there.
 
-``MEMORY`` and ``DEVICES`` are the only memory map: the processor's pages, the decoding of device registers and the
-wait states are all made from them. Addresses on the chip: SPRU031, figures 4-3 (TMS320C32) and 12-1; the others are
-the board's own.
+``MEMORY``, ``FLASH`` and ``DEVICES`` are the only memory map: the processor's pages, the decoding of device registers
+and the wait states are all made from them. Addresses on the chip: SPRU031, figures 4-3 (TMS320C32) and 12-1; the others
+are the board's own.
 """
 
 from __future__ import annotations
@@ -40,8 +40,14 @@ NO_DEVICE: Final = -1
 XINT0, RINT0 = BITS["XINT0"], BITS["RINT0"]
 
 
+WORD_BITS: Final = 32
+
+
 class Window(NamedTuple):
-    """Addresses ``first``, ``first + step`` ... ``last`` of one device; ``strobe`` is empty on the chip."""
+    """Addresses ``first``, ``first + step`` ... ``last`` of one device; ``strobe`` is empty on the chip.
+
+    Memory of a ``width`` below 32 bits makes a word in several accesses, each with its ``wait_states``.
+    """
 
     first: int
     last: int
@@ -50,6 +56,7 @@ class Window(NamedTuple):
     wait_states: int = 0
     device: int = NO_DEVICE
     step: int = 1
+    width: int = WORD_BITS
 
     @property
     def words(self) -> int:
@@ -60,6 +67,9 @@ MEMORY: Final = (
     Window(0x000000, 0x01FFFF, "SRAM", "STRB0"),
     Window(0x87FE00, 0x87FFFF, "on-chip RAM"),
 )
+
+FLASH: Final = (Window(0x900000, 0x91FFFF, "boot flash", "STRB1", 7, width=8),)
+"""Memory that a program cannot change: a plain write is no command to a flash."""
 
 DEVICES: Final = (
     Window(0x808000, 0x808008, "DMA channel 0", device=DMA0, step=2),
@@ -79,12 +89,15 @@ def memory_map() -> MemoryMap:
     pages = {window.first // PAGE_WORDS: window for window in DEVICES}
     return MemoryMap(
         memory=[Region(window.first, window.words, _waits(window)) for window in MEMORY],
+        read_only=[Region(window.first, window.words, _waits(window)) for window in FLASH],
         devices=[Region(page * PAGE_WORDS, PAGE_WORDS, _waits(window)) for page, window in pages.items()],
     )
 
 
 def _waits(window: Window) -> int:
-    return window.wait_states if window.strobe else ON_CHIP
+    """Cycles of the port that a word takes beyond one, by its wait states and its parts."""
+    parts = WORD_BITS // window.width
+    return parts * (1 + window.wait_states) - 1 if window.strobe else ON_CHIP
 
 
 class Peripherals(NamedTuple):

@@ -19,7 +19,7 @@ from firmware_sim.board.dma import (
 from firmware_sim.board.interrupts import BITS, request
 from firmware_sim.board.machine import Machine
 from firmware_sim.c3x.interpreter import INTERRUPT_SOURCES
-from firmware_sim.c3x.machine import IE, IF, ON_CHIP, PAGE_BITS, locate, write_word
+from firmware_sim.c3x.machine import IE, IF, ON_CHIP, PAGE_BITS, locate, store_word
 from firmware_sim.jit import jit
 
 DINT0 = BITS["DINT0"]
@@ -51,7 +51,7 @@ def _move_word(
     machine.state[0].address = destination
     there = locate(machine.pages, destination)
     if there >= 0:
-        write_word(machine.memory, machine.kinds, there, word)
+        store_word(machine.state[0], machine.memory, machine.kinds, there, word)
         return True
     device, offset = find_device(destination)
     if device == NO_DEVICE:
@@ -66,19 +66,19 @@ def move_words(circuit: Circuit, peripherals: Peripherals, machine: Machine, now
     dma = peripherals.dma
     for channel in range(CHANNELS):
         free_since = now
-        while dma_is_started(dma, channel) and min(dma[channel].ends, free_since) <= now:
+        while dma_is_started(dma, channel):
             if dma[channel].ends == FAR_FUTURE:
                 if not _is_synchronised(dma, channel, machine):
                     break
                 cycles = _transfer_cycles(machine, dma[channel].source, dma[channel].destination)
                 dma[channel].ends = free_since + cycles
-                free_since = FAR_FUTURE
-            else:
-                free_since = dma[channel].ends
-                if not _move_word(circuit, peripherals, machine, dma[channel].source, dma[channel].destination, now):
-                    return False
-                if dma_end_transfer(dma, channel):
-                    request(circuit.interrupts, DINT0 + channel)
+            if dma[channel].ends > now:
+                break
+            free_since = dma[channel].ends
+            if not _move_word(circuit, peripherals, machine, dma[channel].source, dma[channel].destination, now):
+                return False
+            if dma_end_transfer(dma, channel):
+                request(circuit.interrupts, DINT0 + channel)
     return True
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_sim.board.board import Circuit
-from firmware_sim.board.bus import MEMORY, memory_map, new_peripherals, reset_on_chip
+from firmware_sim.board.bus import FLASH, MEMORY, memory_map, new_peripherals, reset_on_chip
 from firmware_sim.board.machine import Machine
 from firmware_sim.board.machine_loop import LOG_FULL, WATCHDOG_BITES, Services, Trace, run_machine
 from firmware_sim.board.service_log import new_service_log
@@ -187,13 +187,14 @@ def _start_of(image: Image, source: str) -> int:
 
 
 def _check_fits(image: Image, source: str) -> None:
+    loadable = (*MEMORY, *FLASH)
     loaded = [section for section in image.sections.values() if section.is_loadable and section.size]
     if not any(section.words for section in loaded):
         raise UsageError(f"{source}: expected a program, found no words to load")
     for section in loaded:
         last = section.address + section.size - 1
-        if not any(window.first <= section.address and last <= window.last for window in MEMORY):
-            places = " or ".join(f"{window.first:06X}h-{window.last:06X}h" for window in MEMORY)
+        if not any(window.first <= section.address and last <= window.last for window in loadable):
+            places = " or ".join(f"{window.first:06X}h-{window.last:06X}h" for window in loadable)
             raise UsageError(
                 f"{source}: section {section.name}: expected memory of the board ({places}),"
                 f" found {section.address:06X}h-{last:06X}h"

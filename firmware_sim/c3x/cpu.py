@@ -137,6 +137,7 @@ class Cpu:
         self.reg = NamedRegisters(self.registers)
         self.breakpoints: set[int] = set()
         self._has_pipeline = has_pipeline
+        self._writable_words = memory_map.writable_words
         self._disassemble = disassemble
         self.reset()
 
@@ -152,6 +153,7 @@ class Cpu:
         for field in _NOWHERE_AT_RESET:
             self.state[field] = NOWHERE
         self.state["has_pipeline"] = self._has_pipeline
+        self.state["writable_words"] = self._writable_words
         self.pc = self.memory[0]
 
     @property

@@ -60,7 +60,7 @@ from firmware_sim.c3x.machine import (
     UNMAPPED_PAGE,
     Reason,
     locate,
-    write_word,
+    store_word,
 )
 from firmware_sim.c3x.operations import FLAGS_LOW, WORD_MASK, add_or_load, compute, holds, multiply_or_load, signed
 from firmware_sim.c3x.pipeline import decode_cycle, stall_cycles
@@ -177,7 +177,7 @@ def _serve(s: Any, r: Any, memory: Any, pages: Any, kinds: Any, pending: int, pc
     if index < 0 or target < 0:
         s.address = top if index < 0 else _vector_address(r, number + 1)
         return UNMAPPED_PAGE
-    write_word(memory, kinds, index, pc)
+    store_word(s, memory, kinds, index, pc)
     r[SP] = r[SP] & ~ADDRESS_MASK | top
     r[IF] &= ~(1 << number)
     r[ST] &= ~ST_GIE
@@ -312,7 +312,7 @@ def interpret(
                 if row.transfer1 == STORE:
                     word = r[row.stored1] >> row.shift1 & WORD_MASK
                     if index1 >= 0:
-                        write_word(memory, kinds, index1, word)
+                        store_word(s, memory, kinds, index1, word)
                     else:
                         _write_device(s, address1, word, cycles)
                         reason = _DEVICE_WRITE
@@ -323,7 +323,7 @@ def interpret(
             if row.transfer0 == STORE:
                 word = r[row.stored0] >> row.shift0 & WORD_MASK
                 if index0 >= 0:
-                    write_word(memory, kinds, index0, word)
+                    store_word(s, memory, kinds, index0, word)
                 else:
                     _write_device(s, address0, word, cycles)
                     reason = _DEVICE_WRITE

@@ -15,7 +15,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -85,6 +85,7 @@ STATE: Final = np.dtype(
         *((f"{name}{write}", np.int64) for write in (0, 1) for name in ("write_address", "write_value")),
         ("closed_since", np.int64),  # cycle in which GIE was cleared; NOWHERE while it is set, and until it first is
         ("closed_longest", np.int64),  # cycles of the longest stretch with GIE clear that has ended
+        ("writable_words", np.int64),  # the words of ``memory`` behind these are read-only
         ("has_pipeline", np.int64),  # 0: an instruction takes its own cycles alone
         # The pipeline: cycles from which on something is free again, and the cache; see ``pipeline``.
         *((name, np.int64) for name in ("pointers_free", "page_free", "stack_free")),
@@ -136,6 +137,13 @@ def write_word(memory: np.ndarray, kinds: np.ndarray, index: int, word: int) -> 
     """Write a word; the instruction that was there is forgotten. Whoever writes memory beside the CPU calls this."""
     memory[index] = word
     kinds[index] = 0
+
+
+@jit
+def store_word(s: Any, memory: np.ndarray, kinds: np.ndarray, index: int, word: int) -> None:
+    """As the program writes a word: read-only memory stays as it is. ``s`` is the record of ``state``."""
+    if index < s.writable_words:
+        write_word(memory, kinds, index, word)
 
 
 @jit

@@ -27,16 +27,20 @@ class Region(NamedTuple):
 
 @dataclass(frozen=True)
 class MemoryMap:
-    """The regions of a board. Raises UsageError for one that is not made of whole pages or that overlaps another."""
+    """The regions of a board. Raises UsageError for one that is not made of whole pages or that overlaps another.
+
+    ``read_only`` is memory that a program cannot change.
+    """
 
     memory: Sequence[Region]
     devices: Sequence[Region] = ()
+    read_only: Sequence[Region] = ()
 
     def pages(self) -> np.ndarray:
         """The table ``pages`` of ``machine``; int32."""
         pages = np.full((ADDRESS_MASK + 1) >> PAGE_BITS, UNMAPPED_PAGE, np.int32)
         first_word = 0
-        for region in self.memory:
+        for region in (*self.memory, *self.read_only):
             chosen = self._free_pages(pages, region)
             chosen[:] = first_word + PAGE_WORDS * np.arange(len(chosen))
             first_word += region.words
@@ -47,13 +51,18 @@ class MemoryMap:
     def waits(self) -> np.ndarray:
         """The table ``waits`` of ``machine``; int8."""
         waits = np.full((ADDRESS_MASK + 1) >> PAGE_BITS, ON_CHIP, np.int8)
-        for start, words, wait_states in (*self.memory, *self.devices):
+        for start, words, wait_states in (*self.memory, *self.read_only, *self.devices):
             waits[start >> PAGE_BITS : (start + words) >> PAGE_BITS] = wait_states
         return waits
 
     @property
     def words(self) -> int:
         """Number of words of memory."""
+        return self.writable_words + sum(region.words for region in self.read_only)
+
+    @property
+    def writable_words(self) -> int:
+        """Number of words that a program can change; they come first."""
         return sum(region.words for region in self.memory)
 
     def _free_pages(self, pages: np.ndarray, region: Region) -> np.ndarray:

@@ -11,6 +11,7 @@ from firmware_sim.board.board import Board, circuit_advance
 from firmware_sim.board.bus import (
     ADC,
     DEVICES,
+    FLASH,
     MEMORY,
     NO_DEVICE,
     STROBE_CONTROL,
@@ -54,7 +55,7 @@ def test_nothing_answers_between_the_registers(address: int) -> None:
 
 
 def test_windows_do_not_overlap() -> None:
-    windows = sorted([*MEMORY, *DEVICES], key=lambda window: window.first)
+    windows = sorted([*MEMORY, *FLASH, *DEVICES], key=lambda window: window.first)
     assert all(before.last < after.first for before, after in pairwise(windows))
 
 
@@ -66,7 +67,11 @@ def test_pages_and_wait_states_come_from_the_map() -> None:
     assert (pages[: 0x20000 // PAGE_WORDS] >= 0).all()
     assert (waits[: 0x20000 // PAGE_WORDS] == 0).all()
     assert waits[0x87FE00 // PAGE_WORDS] == ON_CHIP
-    for address in (0x020000, 0x80FFFF, 0x87FDFF, 0x880000):
+    # Four bytes, each with seven wait states.
+    assert set(waits[0x900000 // PAGE_WORDS : 0x920000 // PAGE_WORDS]) == {4 * 8 - 1}
+    assert memory_map().writable_words == 0x20000 + 0x200
+    assert pages[0x900000 // PAGE_WORDS] == memory_map().writable_words
+    for address in (0x020000, 0x80FFFF, 0x87FDFF, 0x880000, 0x8FFFFF, 0x920000):
         assert pages[address // PAGE_WORDS] == UNMAPPED_PAGE
 
 

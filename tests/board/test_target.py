@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -56,11 +58,13 @@ SERVICES = ("int0", "int1", "int2", "xint0", "rint0", "tint0", "dint0")
 PLACES = {"vectors": 0, ".text": 0x100, "near": 0x87FE00}
 
 
-def program(code: str, boot: str = BOOT) -> TargetProcessor:
+def program(
+    code: str, boot: str = BOOT, places: dict[str, int] = PLACES, *, has_pipeline: bool = False, **options: Any
+) -> TargetProcessor:
     """A program with services that do nothing unless ``code`` has them."""
     unused = "".join(f"{name}: RETI\n" for name in SERVICES if f"\n{name}:" not in code)
-    image = assemble(VECTORS + boot + code + "        .text\n" + unused + CONSTANTS, addresses=PLACES)
-    return TargetProcessor(BoardSheet(), image, "program.out", disassemble, has_pipeline=False)
+    image = assemble(VECTORS + boot + code + "        .text\n" + unused + CONSTANTS, addresses=places)
+    return TargetProcessor(BoardSheet(), image, "program.out", disassemble, has_pipeline=has_pipeline, **options)
 
 
 def samples(count: int) -> np.ndarray:
@@ -532,3 +536,67 @@ def test_any_words_may_be_written_to_any_device(writes: list[tuple[int, int, int
     board.load_samples(samples(20))
     said = outcome(board, processor, 400_000)
     assert "found nothing" in said or processor.cpu.instructions >= 4 * len(writes)
+
+
+IN_FLASH = """
+        LDI @a_flash,AR3
+        LDI @a_flash,SP
+        LDI *AR3,R0
+        STI R1,*AR3
+        STF R1,*+AR3(1)
+        PUSH AR3
+        LDI *AR3,R1
+        LDI *+AR3(1),R2
+        BR table
+        .sect "flash"
+flash:  .word 12345678h, 9ABCDEF0h
+table:  ADDI 1,R7
+        BR table
+        .sect "near"
+a_flash: .word flash
+"""
+
+
+def test_a_program_reads_and_runs_in_flash_and_cannot_change_it() -> None:
+    processor, board = program(IN_FLASH, places=PLACES | {"flash": 0x900000}), Board(BoardSheet())
+    before = processor.cpu.memory.words[processor.cpu.memory.index(0x900000) :].copy()
+    board.run(processor, 2000)
+    assert processor.cpu.r[0] == processor.cpu.r[1] == 0x12345678
+    assert processor.cpu.r[2] == 0x9ABCDEF0
+    assert processor.cpu.r[7] > 100
+    assert np.array_equal(processor.cpu.memory.words[processor.cpu.memory.index(0x900000) :], before)
+    assert before[:2].tolist() == [0x12345678, 0x9ABCDEF0]
+
+
+def test_a_word_of_the_flash_takes_four_slow_reads() -> None:
+    code = """
+        LDI @a_flash,AR3
+        LDI *AR3,R0
+        LDI *AR3,R1
+        LDI *AR3,R2
+        LDI *AR3,R3
+stop:   B stop
+        .sect "near"
+a_flash: .word 900000h
+    """
+    starts: dict[int, int] = {}
+
+    def note(rows: np.ndarray) -> None:
+        for cycle, address in rows.tolist():
+            starts.setdefault(address, cycle)
+
+    processor = program(code, has_pipeline=True, on_trace=note)
+    Board(BoardSheet()).run(processor, 1000)
+    stop = max(starts)
+    # Each read occupies the port four times for one cycle and seven wait states.
+    assert np.diff([starts[stop - n] for n in (3, 2, 1, 0)]).tolist() == [32, 32, 32]
+
+
+def test_a_dma_channel_cannot_write_into_flash_and_takes_its_time() -> None:
+    code = COPY.replace("wait:   ADDI 1,R1", "wait:   LDI *AR0,R1").replace("87FE80h", "900000h")
+    processor, board = program(code), Board(BoardSheet())
+    board.run(processor, 1000)
+    assert [processor.cpu.memory[0x900000 + n] for n in range(10)] == [0] * 10
+    # Ten times a read in one cycle and a write of 33, while the processor reads a device over and over.
+    (service,) = processor.take_services()
+    assert 26 + 10 * 34 <= service[REQUESTED] < 26 + 10 * 34 + 5
