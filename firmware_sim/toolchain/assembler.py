@@ -116,6 +116,8 @@ def _link(
     for module in modules:
         exported = _exported(module, errors)
         for name in sorted(exported.keys() & program.globals.keys()):
+            if exported[name] == program.globals[name] and exported[name].section is None:
+                continue  # a constant from a file that several sources include
             errors.add(
                 _last_line(module), SourceError(f"one definition of the global name {name} was expected, found two")
             )

@@ -268,7 +268,8 @@ class SourceReader:
     def _include(self, line: SourceLine, fields: Fields) -> None:
         name = unquote(fields.operands)
         here = self._files[-1].parent if self._files else Path()
-        found = (_find(folder, name) for folder in (here, *self._include_folders))
+        alone = re.split(r"[\\/]", name)[-1]  # folders of another machine, as in C:\TOOLS\X.EQU, may be left out
+        found = (_find(folder, text) for text in (name, alone) for folder in (here, *self._include_folders))
         path = next((path for path in found if path is not None), None)
         if path is None:
             raise SourceError(f"a file to include was expected, found no {name}", name)

@@ -309,6 +309,16 @@ def test_files_share_what_they_declare(tmp_path: Path) -> None:
     assert image.sections[".data"].words == [1, 2]
 
 
+def test_files_may_share_a_constant_that_each_defines(tmp_path: Path) -> None:
+    (tmp_path / "board.equ").write_text(" .global PORT\nPORT .set 7\n")
+    one = write(tmp_path, "one.asm", " .include board.equ\n LDI PORT,R0\n")
+    two = write(tmp_path, "two.asm", " .include board.equ\n LDI PORT,R1\n")
+    assert assemble_files([one, two]).sections[".text"].words == [0x0860_0007, 0x0861_0007]
+    other = write(tmp_path, "other.asm", " .global PORT\nPORT .set 8\n")
+    with pytest.raises(AssemblyError, match="one definition of the global name PORT was expected, found two"):
+        assemble_files([one, other])
+
+
 def test_files_must_be_complete(tmp_path: Path) -> None:
     path = write(tmp_path, "one.asm", " .ref f\n CALL f\n")
     with pytest.raises(AssemblyError, match=r"one.asm:2:7: a defined name was expected, found f"):

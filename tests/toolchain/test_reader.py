@@ -110,6 +110,12 @@ def test_included_files_are_found_beside_the_file_and_in_folders(tmp_path: Path)
     assert image.sections[".text"].words == [1, 2]
 
 
+def test_folders_of_another_machine_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "board.equ").write_text("port .set 7\n")
+    source = ' .include "C:\\TOOLS\\BOARD.EQU"\n .include "../../include/board.equ"\n .word port\n'
+    assert assemble(source, include_folders=[tmp_path]).sections[".text"].words == [7]
+
+
 def test_errors_in_included_files_name_that_file(tmp_path: Path) -> None:
     (tmp_path / "bad.equ").write_text("\n FOO\n")
     with pytest.raises(Exception, match=r"bad.equ:2:2: the name of an instruction was expected, found FOO"):
