@@ -125,7 +125,7 @@ def _link(
     words = {id(item): _words(module, part, item, errors) for module, part, item in _all_items(modules)}
     errors.check()
     sections = _sections(parts, words)
-    symbols = {name: symbol for module in modules for name, symbol in _symbols(module)}
+    symbols = {name: symbol for module in modules for name, symbol in _symbols(module, sections)}
     return AssembledImage(
         sections, symbols, _entry(program, sections), tuple(_listed(modules, words)), tuple(sorted(program.unresolved))
     )
@@ -231,15 +231,15 @@ def _sections(parts: Sequence[Part], words: Mapping[int, list[int]]) -> dict[str
     return sections
 
 
-def _symbols(module: Module) -> Iterator[tuple[str, Symbol]]:
-    """The symbols of a module without its local labels."""
+def _symbols(module: Module, sections: Mapping[str, Section]) -> Iterator[tuple[str, Symbol]]:
+    """The symbols of a module without its local labels; one of a section without words is a plain number."""
     context = Context(module.symbols, module.parts[".text"], 0, 0)
     for name, meaning in module.symbols.meanings.items():
         if "#" in name or isinstance(meaning, Register):
             continue
         number = context.value(name).number
         if isinstance(number, int):
-            section = meaning.part.name if isinstance(meaning, Label) else None
+            section = meaning.part.name if isinstance(meaning, Label) and meaning.part.name in sections else None
             yield name, Symbol(name, number & 0xFFFF_FFFF, section, is_global=name in module.symbols.exported)
 
 

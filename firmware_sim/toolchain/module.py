@@ -273,7 +273,7 @@ class Module:
         """.fill count,value."""
         if fields.label:
             self.label(line, fields.label)
-        count, *value = split_operands(fields.operands)
+        count, *value = _operands(fields, 1, "a count")
         word = self._context().constant(value[-1]) if value else 0
         self._put(line, Fill(*self._item(line, self._size(count)), word & 0xFFFF_FFFF))
 

@@ -258,8 +258,8 @@ class SourceReader:
         self._substitutions.assign(name, self._substitutions.apply(unquote(",".join(text))))
 
     def _eval(self, line: SourceLine, fields: Fields) -> None:
-        text, name = _at_least_two(fields.operands, "an expression and a name")
-        self._substitutions.assign(name, str(self._owner.constant(self._substitutions.apply(text))))
+        *text, name = _at_least_two(fields.operands, "an expression and a name")
+        self._substitutions.assign(name, str(self._owner.constant(self._substitutions.apply(",".join(text)))))
 
     def _var(self, line: SourceLine, fields: Fields) -> None:
         for name in split_operands(fields.operands):

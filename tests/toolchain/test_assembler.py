@@ -9,6 +9,7 @@ import pytest
 
 from firmware_sim.errors import UsageError
 from firmware_sim.toolchain.assembler import AssembledImage, assemble, assemble_files
+from firmware_sim.toolchain.coff import read_coff, write_coff
 from firmware_sim.toolchain.diagnostics import AssemblyError
 from firmware_sim.toolchain.image import SectionKind
 
@@ -279,6 +280,12 @@ def test_case_counts_in_symbols_only() -> None:
     image = assemble("Loop .set 1\nLOOP .set 2\n ldi Loop,r0\n LDI LOOP,R0\n .DATA\n .WORD 3\n")
     assert image.sections[".text"].words == [0x0860_0001, 0x0860_0002]
     assert image.sections[".data"].words == [3]
+
+
+def test_a_label_in_an_empty_section_is_a_plain_number() -> None:
+    image = assemble(' .global start\nstart .usect "low",0\n NOP\n')
+    assert image.symbols["start"].section is None
+    assert read_coff(write_coff(image), "image").symbols["start"].value == image.symbols["start"].value
 
 
 def test_names_given_from_outside() -> None:

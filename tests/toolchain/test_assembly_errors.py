@@ -48,6 +48,8 @@ from firmware_sim.toolchain.diagnostics import AssemblyError
         ("x NOP\n .if x\n .endif", "2:6", "a constant was expected, found the address x"),
         (" .set 5", "1:2", "a name was expected in column one before .set"),
         ("x .set x+1\n .word x", "2:8", "an expression that does not depend on itself was expected"),
+        (" .fill", "1:2", "a count was expected after .fill"),
+        (" .eval 1,2,x", "1:2", "the end of the expression was expected in 1,2, found ,"),
         (" .field 1,33", "1:11", "a size from 1 to 32 bits was expected, found 33"),
         (" .field", "1:2", "a value was expected after .field"),
         (" .field 1.5,8", "1:9", "an integer was expected, found 1.5"),
