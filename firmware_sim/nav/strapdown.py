@@ -46,8 +46,8 @@ HEIGHT_LOW_M, HEIGHT_HIGH_M = -1000.0, 100000.0
 def initialise(
     place: Real[4],
     velocity_t_mps: Real[3],
-    angles_rad: Real[3],
-    angles_low_rad: Real[3],
+    attitude_rad: Real[3],
+    attitude_low_rad: Real[3],
     q: Real[4],
     q_low: Real[4],
     velocity_p_mps: Real[3],
@@ -77,7 +77,7 @@ def initialise(
     C[2, 1], C_low[2, 1] = multiply_two_word(cos_lat, cos_lat_low, sin_lon, sin_lon_low)
     C[2, 2] = sin_lat
     C_low[2, 2] = sin_lat_low
-    quaternion_of_angles(angles_rad, angles_low_rad, q, q_low)
+    quaternion_of_angles(attitude_rad, attitude_low_rad, q, q_low)
     for i in range(3):
         velocity_p_mps[i] = velocity_t_mps[i]
         velocity_low_mps[i] = 0.0

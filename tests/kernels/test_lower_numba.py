@@ -1,4 +1,4 @@
-"""The meaning of kernels on both machines, rule by rule (docs/kernel-language.md)."""
+"""The meaning of kernels on all machines, rule by rule (docs/kernel-language.md)."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from firmware_sim.kernels.language import (
     zeros,
 )
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, Program, build
+from firmware_sim.kernels.target import TargetProgram, build_target
 
 THIRD = 1.0 / 3.0
 BIG = 5
@@ -274,12 +275,12 @@ ROOTS = [
 ]
 
 
-@pytest.fixture(scope="module", params=[DOUBLE, C3X], ids=["double", "c3x"])
-def program(request) -> Program:
-    return build(ROOTS, request.param)
+@pytest.fixture(scope="module", params=[DOUBLE, C3X, "iss"], ids=["double", "c3x", "iss"])
+def program(request) -> Program | TargetProgram:
+    return build_target(ROOTS) if request.param == "iss" else build(ROOTS, request.param)
 
 
-def call(program: Program, name: str, *arguments: Any) -> Any:
+def call(program: Program | TargetProgram, name: str, *arguments: Any) -> Any:
     """Call a kernel with floats and lists of floats; lists are changed in place. Every number used has a single."""
     kernel = next(root for root in ROOTS if root.__name__ == name)
     kinds = [kind for _, kind in kernel.typed.parameters]
@@ -304,77 +305,77 @@ def call(program: Program, name: str, *arguments: Any) -> Any:
     return tuple(results) if len(types) > 1 else results[0]
 
 
-def test_kernel_without_statements(program: Program) -> None:
+def test_kernel_without_statements(program: Program | TargetProgram) -> None:
     assert call(program, "nothing") is None
 
 
-def test_parameters_of_every_type(program: Program) -> None:
+def test_parameters_of_every_type(program: Program | TargetProgram) -> None:
     a, k = [[1.0, 2.0], [3.0, 4.0]], [7, 8]
     assert call(program, "types_of_all", 0.5, -3, a, k) == (2.0, 7)
     assert (a, k) == ([[1.0, 2.0], [0.5, 4.0]], [7, 2])
 
 
-def test_local_arrays_are_cleared_at_their_statement(program: Program) -> None:
+def test_local_arrays_are_cleared_at_their_statement(program: Program | TargetProgram) -> None:
     assert call(program, "local_arrays", 1.5) == 7.5
 
 
-def test_arrays_are_passed_by_reference(program: Program) -> None:
+def test_arrays_are_passed_by_reference(program: Program | TargetProgram) -> None:
     a = [0.0, 0.0, 0.0]
     assert call(program, "by_reference", a) == 11.0
     assert a == [12.0, 13.0, 14.0]
 
 
-def test_tables(program: Program) -> None:
+def test_tables(program: Program | TargetProgram) -> None:
     assert [call(program, "table", n) for n in range(3)] == [(0.5, 1, 8.0), (-2.0, 4, 8.0), (8.0, 9, 8.0)]
 
 
-def test_several_results_are_stored_from_left_to_right(program: Program) -> None:
+def test_several_results_are_stored_from_left_to_right(program: Program | TargetProgram) -> None:
     a, k = [0.0, 0.0, 9.0], [0, 0, 0]
     assert call(program, "several_results", a, k) == (9.0, 0)
     assert (a, k) == ([2.5, 0.0, 9.0], [2, 3, 0])
 
 
-def test_augmented_assignment(program: Program) -> None:
+def test_augmented_assignment(program: Program | TargetProgram) -> None:
     a = [10.0, 20.0]
     assert call(program, "augmented", 4.0, 1, a) == (4.0, ((1 | 6) & 5) ^ 12)
     assert a == [10.0, 24.0]
 
 
-def test_evaluation_order(program: Program) -> None:
+def test_evaluation_order(program: Program | TargetProgram) -> None:
     k, a = [0, 0], [0.0, 0.0, 0.0, 0.0]
     assert call(program, "order", k, a) == ((1 << 4) + 2 << 8) + 1
     assert (k, a) == ([5, 0], [0.0, 3.0, 0.0, 0.0])
 
 
-def test_loops(program: Program) -> None:
+def test_loops(program: Program | TargetProgram) -> None:
     assert call(program, "loops") == sum(10 * i + j for i in range(-2, 3) for j in range(2)) + 1
 
 
 @pytest.mark.parametrize(("x", "side"), [(-0.5, -1), (0.0, 0), (2.0, 1)])
-def test_branches(program: Program, x: float, side: int) -> None:
+def test_branches(program: Program | TargetProgram, x: float, side: int) -> None:
     assert call(program, "branches", x) == side
 
 
 @pytest.mark.parametrize(("x", "y", "bits"), [(1, 1, 1 + 8 + 32), (-2, 1, 2 + 4 + 8), (3, -4, 2 + 16 + 32)])
-def test_comparisons(program: Program, x: int, y: int, bits: int) -> None:
+def test_comparisons(program: Program | TargetProgram, x: int, y: int, bits: int) -> None:
     assert call(program, "comparisons", float(x), float(y)) == bits
     assert call(program, "int_comparisons", x, y) == bits
 
 
-def test_int_comparison_does_not_wrap(program: Program) -> None:
+def test_int_comparison_does_not_wrap(program: Program | TargetProgram) -> None:
     # The difference has 33 bits; its sign decides, not that of the wrapped one.
     assert call(program, "int_comparisons", -(2**31), 2**31 - 1) == 2 + 4 + 8
 
 
 @pytest.mark.parametrize(("n", "result", "calls"), [(0, 7, 1), (1, 0, 1), (3, 4, 1)])
-def test_short_circuit(program: Program, n: int, result: int, calls: int) -> None:
+def test_short_circuit(program: Program | TargetProgram, n: int, result: int, calls: int) -> None:
     k = [0, 0]
     assert call(program, "short_circuit", n, k) == result
     assert k[0] == calls
 
 
 @pytest.mark.parametrize(("n", "result"), [(1, 101), (0, -1)])
-def test_select_evaluates_one_branch(program: Program, n: int, result: int) -> None:
+def test_select_evaluates_one_branch(program: Program | TargetProgram, n: int, result: int) -> None:
     k = [0, 0]
     assert call(program, "select", n, k) == result
     assert k[0] == 1
@@ -389,20 +390,20 @@ INTS = [0, 1, -1, 255, 2**23, 2**31 - 1, -(2**31), 123456789, -987654321]
 
 @pytest.mark.parametrize("m", INTS)
 @pytest.mark.parametrize("n", INTS)
-def test_integers_wrap(program: Program, m: int, n: int) -> None:
+def test_integers_wrap(program: Program | TargetProgram, m: int, n: int) -> None:
     expected = (m + n, m - n, -m, abs(m), ~m, m & n, m | n, m ^ n)
     assert call(program, "integers", m, n) == tuple(map(signed, expected))
 
 
 @pytest.mark.parametrize("m", INTS)
 @pytest.mark.parametrize("n", INTS)
-def test_products_keep_the_low_32_bits(program: Program, m: int, n: int) -> None:
+def test_products_keep_the_low_32_bits(program: Program | TargetProgram, m: int, n: int) -> None:
     assert call(program, "products", m, n) == (signed((m & 0x7FFFFF) * (n & 0x7FFFFF)), (m & 255) * -3)
 
 
 @pytest.mark.parametrize("n", [0, 1, 31, 32, 63, 64, 127, 128, -1, -31, -32, -64, -65, 2**31 - 1, -(2**31)])
 @pytest.mark.parametrize("m", INTS)
-def test_shifts_are_those_of_the_intrinsics(program: Program, m: int, n: int) -> None:
+def test_shifts_are_those_of_the_intrinsics(program: Program | TargetProgram, m: int, n: int) -> None:
     # test_language.py holds the intrinsics themselves against shifting bit by bit.
     assert call(program, "shifts", m, n) == (ash(m, n), lsh(m, n))
 
@@ -419,12 +420,12 @@ def test_shifts_are_those_of_the_intrinsics(program: Program, m: int, n: int) ->
         (-1e30, -(2**31)),
     ],
 )
-def test_fix_is_floor_and_saturates(program: Program, x: float, expected: int) -> None:
+def test_fix_is_floor_and_saturates(program: Program | TargetProgram, x: float, expected: int) -> None:
     assert call(program, "fixed", x) == expected
 
 
 @pytest.mark.parametrize("n", [0, 1, -1, 16777215, -16777216, 2**30, -(2**31)])
-def test_float_of_an_int(program: Program, n: int) -> None:
+def test_float_of_an_int(program: Program | TargetProgram, n: int) -> None:
     assert call(program, "floated", n) == n
 
 
@@ -438,23 +439,23 @@ def test_float_of_an_int(program: Program, n: int) -> None:
         (0.75, 9, (-1, 512.0)),
     ],
 )
-def test_exponent_fields(program: Program, x: float, n: int, expected: tuple[int, float]) -> None:
+def test_exponent_fields(program: Program | TargetProgram, x: float, n: int, expected: tuple[int, float]) -> None:
     assert call(program, "exponents", x, n) == expected
 
 
-def test_least_integer(program: Program) -> None:
+def test_least_integer(program: Program | TargetProgram) -> None:
     assert call(program, "least") == -(2**31)
 
 
-def test_names_of_the_generated_module_are_free(program: Program) -> None:
+def test_names_of_the_generated_module_are_free(program: Program | TargetProgram) -> None:
     assert call(program, "hidden", 1.0, 2.0, 3.0, 4.0, 5, 6.0) == 2 * 3 + 4 - 1 + 10 + 6
 
 
-def test_two_kernels_of_one_name(program: Program) -> None:
+def test_two_kernels_of_one_name(program: Program | TargetProgram) -> None:
     assert call(program, "both_f", 1.0) == 2 * 3
 
 
-def test_constants_are_folded_and_rounded_once(program: Program) -> None:
+def test_constants_are_folded_and_rounded_once(program: Program | TargetProgram) -> None:
     wanted = (1.0 / 3.0, 2.0 / 3.0 + 1e3)
     single = program.machine is C3X
     expected = tuple(float(np.float32(value)) for value in wanted) if single else wanted  # IEEE's 24 bits agree here
