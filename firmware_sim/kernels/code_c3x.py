@@ -80,6 +80,10 @@ class Instruction:
         return self.mnemonic in ("STF", "STI")
 
     @property
+    def is_comparison(self) -> bool:
+        return self.mnemonic in ("CMPF", "CMPI")
+
+    @property
     def is_conditional_load(self) -> bool:
         return self.mnemonic[:3] in ("LDF", "LDI") and len(self.mnemonic) > 3
 

@@ -42,6 +42,12 @@ _UNARY: Final = {
     (INT, "abs"): "ABSI",
     (INT, "invert"): "NOT",
 }
+# Where the parallel pairs of a product and a sum leave their results.
+_PREFERRED: Final = {
+    (FLOAT, "mul"): DATA_REGISTERS[0:2],
+    (FLOAT, "add"): DATA_REGISTERS[2:4],
+    (FLOAT, "sub"): DATA_REGISTERS[2:4],
+}
 _LOGICAL: Final = frozenset(("and", "or", "xor", "invert"))
 CONDITIONS: Final = {"==": "EQ", "!=": "NE", "<": "LT", "<=": "LE", ">": "GT", ">=": "GE"}
 MIRRORED: Final = {"==": "==", "!=": "!=", "<": ">", "<=": ">=", ">": "<", ">=": "<="}
@@ -64,6 +70,8 @@ class RunCoder(RegisterFile):
         self._pointers: dict[str, tuple[str, int] | None] = dict.fromkeys(POINTERS)
         self._pointers.update(pointers)
         self._pinned_pointers = frozenset(pointers)
+        self._later_slots: dict[tuple[str, int], list[Value]] = {}
+        self._versions: dict[str, int] = {}
         self._flags_mirrored = False
         self.is_mirrored = False
 
@@ -92,15 +100,23 @@ class RunCoder(RegisterFile):
         return found
 
     def _enter(self) -> None:
+        """Find what the run finds: parameters in registers, places in memory, some of them in registers too."""
         for value in self._uses:
             if value.op == "slot":
                 place, version = value.data
-                self._home[value] = self._unit.home(place)
+                self._later_slots.setdefault((place[0], version), []).append(value)
                 register = self._cached.get(place) if version == 0 else None
                 if register and self._held[register] is None:
                     self._hold(value, register)
             elif value.op == "parameter":
                 self._hold(value, DATA_REGISTERS[value.data])
+        for array, version in [key for key in self._later_slots if key[1] == 0]:
+            self._open_slots(array, version)
+
+    def _open_slots(self, array: str, version: int) -> None:
+        """From now on memory holds what the slots of this version stand for."""
+        for value in self._later_slots.pop((array, version), []):
+            self._home[value] = self._unit.home(value.data[0])
 
     # -- items
 
@@ -206,10 +222,15 @@ class RunCoder(RegisterFile):
 
     def _result_register(self, value: Value) -> str:
         """A register for the result: that of an operand which nobody reads again, or a new one."""
-        for operand in value.args:
-            register = self._at.get(operand)
-            if register and self._is_last_use(operand):
-                self._forget_register(operand)
+        preferred = _PREFERRED.get((value.kind, value.op), ())
+        ending = {self._at[operand]: operand for operand in value.args if self._is_last_use(operand)}
+        in_use = {self._at[operand] for operand in value.args} - set(ending)
+        for register in (*preferred, *ending):
+            if register in ending:
+                self._forget_register(ending[register])
+                return register
+            if register not in in_use and self._free_one([register]):
+                self._evict(register)
                 return register
         return self._take(value.args)
 
@@ -283,6 +304,8 @@ class RunCoder(RegisterFile):
         register = self._ensure(value, (at,))
         operand = self._element(symbol, offset, at, (value,))
         self._emit("STF" if value.kind is FLOAT else "STI", register, operand)
+        version = self._versions[array] = self._versions.get(array, 0) + 1
+        self._open_slots(array, version)
 
     def _code_load(self, value: Value) -> None:
         if value.op == "load":

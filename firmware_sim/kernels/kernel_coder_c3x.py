@@ -169,7 +169,7 @@ class KernelCoder:
         self._lines = outer
         if not body or not isinstance(body[-1], Instruction):
             body.append(Instruction("NOP", (), loop.origin))
-        self._lines += [*body[:-1], Label(last), body[-1]]
+        self._lines += [*body[:-1], Label(last), body[-1], Label(f"{last}_end")]
 
     def _array_pointers(self, loop: Loop) -> dict[str, tuple[str, int]]:
         """The first few arrays and tables that the body reaches through an index, with the registers for them."""

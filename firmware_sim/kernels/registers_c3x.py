@@ -20,6 +20,8 @@ from firmware_sim.kernels.values import Run, Value
 
 FLOAT, INT = Scalar.FLOAT, Scalar.INT
 NEVER: Final = 1 << 30
+# Products are best in R0 and R1, sums in R2 and R3, where they can be made together (13-25): the others come first.
+_IN_ORDER: Final = (*DATA_REGISTERS[4:], *DATA_REGISTERS[:4])
 
 
 class Unit(Protocol):
@@ -98,16 +100,23 @@ class RegisterFile:
                 del self._home[value]
                 self._unit.free_spill(spill, 2 if value.is_wide else 1)
 
-    def _take(self, avoid: Iterable[Value] = ()) -> str:
-        """A register for a new value; whoever is in it goes."""
+    def _take(self, avoid: Iterable[Value] = (), preferred: tuple[str, ...] = ()) -> str:
+        """A register for a new value, if possible one that is ``preferred``; whoever is in it goes."""
         kept = {self._at.get(value) for value in avoid}
-        candidates = [register for register in DATA_REGISTERS if register not in kept]
-        for register in candidates:
-            if self._held[register] is None:
-                return register
-        register = max(candidates, key=lambda name: self._eviction_rank(self._held[name]))
+        candidates = [register for register in (*preferred, *_IN_ORDER) if register not in kept]
+        register = self._free_one(candidates)
+        if register is None:
+            register = max(candidates, key=lambda name: self._eviction_rank(self._held[name]))
         self._evict(register)
         return register
+
+    def _free_one(self, registers: Iterable[str]) -> str | None:
+        """The first of the registers that holds nothing that anybody reads."""
+        for register in registers:
+            value = self._held[register]
+            if value is None or self._next_use(value) == NEVER:
+                return register
+        return None
 
     def _eviction_rank(self, value: Value | None) -> tuple[bool, int]:
         assert value is not None

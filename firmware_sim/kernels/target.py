@@ -72,7 +72,8 @@ def _result(register: int, kind: Scalar) -> int:
 class TargetProgram:
     """Kernels compiled to machine code, in the memory of a processor; each root is an attribute by its Python name.
 
-    Its floats are those of ``machine``. ``code`` is the assembly, ``image`` what was assembled of it, ``cpu`` the processor.
+    Its floats are those of ``machine``. ``code`` is the assembly, ``image`` what was assembled of it, ``cpu`` the
+    processor.
     """
 
     machine: Final = C3X

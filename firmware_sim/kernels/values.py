@@ -35,7 +35,7 @@ class Value:
 
     - ``constant`` (data: the number), ``parameter`` (data: its register), ``result`` (data: call and register);
     - ``slot`` (data: place and version): what memory held when the run began or after a store through an index;
-    - ``load`` (data: array, offset, version; args: the index), ``table`` (data: values, offset; args: the index);
+    - ``load`` (data: array, offset, state of the array), ``table`` (data: values, offset): of the index in args;
     - ``rnd``, and ``move``, which is its operand once more.
 
     ``select`` has the comparison as data and left, right, then, otherwise as args.
@@ -94,7 +94,8 @@ class RunBuilder:
         self._items: list[Item] = []
         self._current: dict[Place, Value] = {}
         self._dirty: dict[Place, Origin] = {}
-        self._versions: dict[str, int] = {}
+        self._versions: dict[str, int] = {}  # by stores through an index
+        self._changes: dict[str, int] = {}  # by others
         self._calls = 0
         self._origin = origin
         for number, name in enumerate(parameters):
@@ -171,6 +172,7 @@ class RunBuilder:
     def _write(self, place: Place, value: Value) -> None:
         self._current[place] = value
         self._dirty[place] = self._origin
+        self._changes[place[0]] = self._changes.get(place[0], 0) + 1
 
     def _is_home(self, value: Value, place: Place) -> bool:
         return value.op == "slot" and value.data == (place, self._versions.get(place[0], 0))
@@ -230,7 +232,8 @@ class RunBuilder:
             return self._read((element.array, index))
         at, offset = self._split_index(element.indices[0])
         self._settle(element.array)
-        data = (element.array, offset, self._versions.get(element.array, 0))
+        changes = self._changes.get(element.array, 0), self._versions.get(element.array, 0)
+        data = (element.array, offset, changes)
         return self._unique("load", element.type, (at,), data, is_single=True)
 
     def _select(self, select: Select) -> Value:
