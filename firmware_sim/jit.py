@@ -89,15 +89,33 @@ def _fingerprint(source: Path) -> str:
 
 
 def jit(function: Callable[..., Any]) -> Any:
-    """Compile with numba: cached on disk, IEEE arithmetic in the order of the source, no Python objects.
+    """Compile with numba: cached on disk, IEEE arithmetic in the order of the source, no Python objects, no new arrays.
 
-    ``fastmath`` stays off: re-association would make results depend on the processor that compiled them.
+    ``fastmath`` stays off: re-association would make results depend on the processor that compiled them. References to
+    arrays are not counted, which would take most of the time of a function that works on small ones; so numba refuses
+    to compile here what makes an array.
     """
+    return _compiled(function, makes_arrays=False)
+
+
+def jit_with_arrays(function: Callable[..., Any]) -> Any:
+    """As ``jit``, for a function that makes arrays, on the heap or by ``carray``."""
+    return _compiled(function, makes_arrays=True)
+
+
+def _compiled(function: Callable[..., Any], makes_arrays: bool) -> Any:
     folder = CACHE_ROOT / _fingerprint(Path(function.__code__.co_filename))
     folder.mkdir(exist_ok=True)
     os.utime(folder)
     vars(numba.config)["CACHE_DIR"] = str(folder)  # read by numba while it decorates
-    return numba.njit(cache=True, error_model="numpy")(function)
+    return _numba.njit(cache=True, error_model="numpy", _nrt=makes_arrays)(function)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """A ``jit`` function without a call of its own: in the interpreter's loop a call costs as much as an addition."""
+    dispatcher = jit(function)
+    dispatcher.targetoptions["forceinline"] = True
+    return dispatcher
 
 
 def is_compiled(function: Any) -> bool:

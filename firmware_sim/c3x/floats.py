@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_sim.errors import UsageError
-from firmware_sim.jit import jit, leading_zeros
+from firmware_sim.jit import jit, jit_with_arrays, leading_zeros
 
 # The condition flags in the status register ST (page 13-29).
 ST_C: Final = 1 << 0
@@ -363,7 +363,7 @@ def extended_from_float64(value: float) -> int:
     return _nearest(value, _EXTENDED_BITS) & REGISTER_MASK
 
 
-@jit
+@jit_with_arrays
 def from_float64_array(values: NDArray[np.float64]) -> NDArray[np.int64]:
     """``from_float64`` of each element; same shape."""
     singles = np.empty(values.shape, np.int64)
@@ -372,7 +372,7 @@ def from_float64_array(values: NDArray[np.float64]) -> NDArray[np.int64]:
     return singles
 
 
-@jit
+@jit_with_arrays
 def to_float64_array(registers: NDArray[np.int64]) -> NDArray[np.float64]:
     """``to_float64`` of each element; same shape."""
     values = np.empty(registers.shape, np.float64)

@@ -63,7 +63,7 @@ from firmware_sim.c3x.machine import (
     store_word,
 )
 from firmware_sim.c3x.operations import FLAGS_LOW, WORD_MASK, add_or_load, compute, holds, multiply_or_load, signed
-from firmware_sim.c3x.pipeline import decode_cycle, stall_cycles
+from firmware_sim.c3x.pipeline import SETTLED, decode_cycle, pass_without_access, stall_cycles
 from firmware_sim.jit import jit
 
 INTERRUPT_SOURCES: Final = 0xF3F
@@ -200,6 +200,7 @@ def interpret(
     limit = 0
     is_using_supply = False
     has_pipeline = s.has_pipeline != 0
+    settled = 0
     while True:
         if cycles >= limit:
             if is_using_supply:
@@ -331,8 +332,13 @@ def interpret(
         trail[instructions & (TRAIL_LENGTH - 1)] = pc
         instructions += 1
         if has_pipeline:
-            decode = decode_cycle(s, r, waits, row, pc, cycles)
-            cycles = decode + stall_cycles(s, waits, row, mode, address0, address1, decode)
+            cycles = decode_cycle(s, r, waits, row, pc, cycles)
+            if mode != NO_ACCESS:
+                cycles += stall_cycles(s, waits, row, mode, address0, address1, cycles)
+                settled = 0
+            elif settled < SETTLED:
+                pass_without_access(s)
+                settled += 1
         cycles += row.cycles
         following = pc + 1 & ADDRESS_MASK
 

@@ -17,7 +17,7 @@ import numpy as np
 from firmware_sim.c3x import floats
 from firmware_sim.c3x.floats import ST_C, ST_LUF, ST_LV, ST_N, ST_UF, ST_V, ST_Z
 from firmware_sim.c3x.isa import OPERATION_INDEX
-from firmware_sim.jit import jit
+from firmware_sim.jit import inlined, jit
 
 FLAGS_LOW: Final = 40
 """The flags of a result begin at this bit."""
@@ -77,13 +77,6 @@ def changed_flags(names: tuple[str, ...]) -> tuple[int, int]:
     if names[-1].startswith("ld") and len(names) == 2:
         return 0, 0
     return replaced, _CAN_BE_SET if replaced else 0
-
-
-def inlined(function: Any) -> Any:
-    """A ``jit`` function without a call of its own: in the interpreter's loop a call costs as much as an addition."""
-    dispatcher = jit(function)
-    dispatcher.targetoptions["forceinline"] = True
-    return dispatcher
 
 
 # Integers -------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from firmware_sim.c3x.addressing import NO_ACCESS
 from firmware_sim.c3x.machine import LOAD, ON_CHIP, PAGE_BITS, ST, STORE
-from firmware_sim.jit import jit
+from firmware_sim.jit import inlined
 
 GROUP_POINTERS: Final = 1
 """AR0 to AR7, IR0, IR1 and BK."""
@@ -41,7 +41,7 @@ _ST_CE: Final = 1 << 11  # cache enable
 _ST_CC: Final = 1 << 12  # cache clear
 
 
-@jit
+@inlined
 def _register_delay(s: Any, row: Any, decode: int) -> int:
     """The first cycle in which the addresses of an instruction can be made."""
     used = row.used_groups
@@ -54,7 +54,7 @@ def _register_delay(s: Any, row: Any, decode: int) -> int:
     return decode
 
 
-@jit
+@inlined
 def _occupy_registers(s: Any, row: Any, decode: int) -> None:
     written, read = row.written_groups, row.read_groups
     if written & GROUP_POINTERS:
@@ -69,7 +69,7 @@ def _occupy_registers(s: Any, row: Any, decode: int) -> None:
         s.stack_free = max(s.stack_free, decode + _READ_DELAY)
 
 
-@jit
+@inlined
 def is_cached(s: Any, st: int, pc: int) -> bool:
     """Look a word up in the cache of two segments of 32 words, and put it in (4-21); frozen, it only looks."""
     if st & _ST_CC:
@@ -94,7 +94,7 @@ def is_cached(s: Any, st: int, pc: int) -> bool:
     return False
 
 
-@jit
+@inlined
 def _fetched(s: Any, waits: Any, st: int, pc: int, decode: int) -> int:
     """The first cycle in which the word at ``pc`` can be decoded. RPTS fetches a word once (7-2)."""
     if pc == s.fetched:
@@ -115,15 +115,32 @@ def _fetched(s: Any, waits: Any, st: int, pc: int, decode: int) -> int:
     return max(decode, s.port_for_fetch)
 
 
-@jit
+@inlined
 def decode_cycle(s: Any, r: Any, waits: Any, row: Any, pc: int, cycles: int) -> int:
     """The cycle in which the instruction at ``pc`` is decoded; ``cycles`` is the first in which it could be."""
-    decode = _register_delay(s, row, _fetched(s, waits, r[ST], pc, cycles))
-    _occupy_registers(s, row, decode)
+    decode = _fetched(s, waits, r[ST], pc, cycles)
+    if row.used_groups | row.written_groups | row.read_groups:
+        decode = _register_delay(s, row, decode)
+        _occupy_registers(s, row, decode)
     return decode
 
 
-@jit
+SETTLED: Final = 2
+"""After so many instructions without accesses ``pass_without_access`` changes nothing any more."""
+
+
+@inlined
+def pass_without_access(s: Any) -> None:
+    """An instruction that does not access memory makes room for the fetches behind it, and delays nothing."""
+    s.full_block = s.full_block_before
+    s.full_block_before = _NONE_READ
+    s.port_for_fetch = max(s.port_for_fetch, s.read_port_before, s.write_port_before)
+    s.read_port_before = 0
+    s.write_port_before = s.write_port
+    s.written_block = _NONE_WRITTEN
+
+
+@inlined
 def stall_cycles(s: Any, waits: Any, row: Any, mode: int, address0: int, address1: int, decode: int) -> int:
     """Cycles that the accesses to memory of an instruction, decoded at ``decode``, delay the next one."""
     read = decode + 1

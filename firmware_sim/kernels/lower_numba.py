@@ -47,7 +47,7 @@ __all__ = ["C3X", "DOUBLE", "BuiltKernel", "Machine", "Program", "build"]
 
 _IMPORTS = """\
 from firmware_sim.c3x.floats import absolute, add, compare, exponent_of, fix, from_int, mul, neg, power_of_two, rnd, sub
-from firmware_sim.jit import jit
+from firmware_sim.jit import jit_with_arrays
 from firmware_sim.kernels.runtime import ash, carray, exponent64, fix64, lsh, power_of_two64, stack_space, wrap
 """
 
@@ -152,7 +152,7 @@ class _Writer:
         """The source of one function."""
         self.kernel = kernel
         parameters = ", ".join(_local(name) for name, _ in kernel.parameters)
-        lines = ["", "", "@jit", f"def {self.names[kernel]}({parameters}):"]
+        lines = ["", "", "@jit_with_arrays", f"def {self.names[kernel]}({parameters}):"]
         guards = self._shape_guards() if kernel in self.roots else []
         return "\n".join([*lines, *guards, *self._block(kernel.body)]) + "\n"
 

@@ -196,3 +196,34 @@ def test_the_cache_can_be_frozen_cleared_and_disabled():
     assert not is_cached(state, 0, 5)
     assert is_cached(state, CE | CF, 5)
     assert not is_cached(state, CE | CC, 5)
+
+
+# A run, in which quiet instructions take a shorter way, against single steps, in which they do not ------------------
+
+_ACCESSES = ("LDI *AR0,R0", "LDI *AR1,R0", "LDI *AR2,R0", "STI R0,*AR0", "STI R0,*AR1", "STI R0,*AR2")
+_PAIRS = ("LDI *AR0,R0 || LDI *AR1,R1", "LDI *AR1,R0 || STI R2,*AR2", "STI R0,*AR0 || STI R1,*AR0", "PUSH R0", "POP R1")
+_QUIET = ("NOP", "ADDI 1,R3", "LDI 7,AR4", "LDI AR4,R3", "LDI SP,R3", "LDI 0,DP")
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    program=st.lists(st.sampled_from((*_ACCESSES, *_PAIRS, *_QUIET, *_QUIET)), min_size=1, max_size=30),
+    address=st.sampled_from((0x200, 0x4000, PROGRAM_ON_CHIP)),
+    status=st.sampled_from((0, CE, CE | CF)),
+)
+def test_a_run_takes_the_cycles_of_its_steps(assemble, program, address, status):
+    words = assemble("\n".join([*program, f"BU {address}"]), address)
+
+    def cpu_at_start():
+        cpu = Cpu(MemoryMap((Region(0, 0x4000), Region(0x4000, 0x4000, 3), Region(BLOCK_0, 0x200, ON_CHIP))))
+        cpu.load(words, address)
+        cpu.st = status
+        for name, value in (("AR0", BLOCK_0), ("AR1", EXTERNAL), ("AR2", 0x5000), ("SP", BLOCK_0 + 0x40)):
+            cpu.reg[name] = value
+        return cpu
+
+    stepped, run = cpu_at_start(), cpu_at_start()
+    for _ in range(3 * len(words)):
+        stepped.step()
+    run.run(max_cycles=stepped.cycles)
+    assert (run.cycles, run.instructions, run.pc) == (stepped.cycles, stepped.instructions, stepped.pc)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_sim.jit import jit
+from firmware_sim.jit import jit_with_arrays
 from firmware_sim.plant.trajectory import Motion, Trajectory
 
 EARTH_RATE = 7.292115e-5
@@ -104,7 +104,7 @@ def turned(angle):
     return (angle + pi) % (2 * pi) - pi
 
 
-@jit
+@jit_with_arrays
 def navigate_inertially(increments, period, position, velocity, mat_ib, track):
     """Strapdown navigation in the inertial frame, all three axes free; ``track`` gets the ECEF positions.
 
@@ -128,12 +128,12 @@ def navigate_inertially(increments, period, position, velocity, mat_ib, track):
     return mat_ib
 
 
-@jit
+@jit_with_arrays
 def cross(a, b):
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-@jit
+@jit_with_arrays
 def product(a, b):
     result = np.zeros((3, 3))
     for j in range(3):
@@ -142,13 +142,13 @@ def product(a, b):
     return result
 
 
-@jit
+@jit_with_arrays
 def from_i(vector, time_s):
     c, s = np.cos(EARTH_RATE * time_s), np.sin(EARTH_RATE * time_s)
     return np.array([c * vector[0] + s * vector[1], c * vector[1] - s * vector[0], vector[2]])
 
 
-@jit
+@jit_with_arrays
 def rotation(vector):
     angle = np.sqrt(np.sum(vector**2))
     x, y, z = vector
@@ -160,7 +160,7 @@ def rotation(vector):
     return np.eye(3) + first * skew + second * product(skew, skew)
 
 
-@jit
+@jit_with_arrays
 def gravitation_i(position, time_s):
     horizontal = np.sqrt(position[0] ** 2 + position[1] ** 2)
     e2 = 1 - (B / A) ** 2
