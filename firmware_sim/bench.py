@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,10 @@ from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.errors import UsageError
 from firmware_sim.firmware.native import NativeProcessor
 from firmware_sim.firmware.services import ADC_SERVICE, NAV_SERVICE, SERVICES, UART_SERVICE
-from firmware_sim.firmware.solver import Solver, Start
+from firmware_sim.firmware.solver import Solver
+from firmware_sim.firmware.start import Start
 from firmware_sim.firmware.stopwatch import times_of_service
-from firmware_sim.kernels.lower_numba import C3X, DOUBLE
+from firmware_sim.kernels.lower_numba import C3X, DOUBLE, Machine
 from firmware_sim.plant.scenario import Scenario
 from firmware_sim.plant.source import Block, Source
 from firmware_sim.report import ANGLES, ErrorRecord, Report
@@ -167,12 +168,13 @@ class _NativeRun(BoardRun):
         if flight.engine not in ENGINES:
             raise UsageError(f"engine: expected one of {', '.join(ENGINES)}, found {flight.engine!r}")
         super().__init__(flight, open_line, progress, announce)
-        start = _start(self.source, flight.scenario.name)
+        start = start_of(self.source, flight.scenario.name)
         scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
         self.solver = Solver(ENGINES[flight.engine], scale, start)
         self.reference = None if flight.engine == "double" else Solver(DOUBLE, scale, start)
         self.processor = NativeProcessor(self.sheet, self.solver, self._on_step)
-        self.log = _StepLog(self.solver, self.reference, self.source)
+        solvers = [self.solver] if self.reference is None else [self.solver, self.reference]
+        self.log = StepLog(solvers, self.source)
         self.vs_truth, self.vs_double = ErrorRecord(), ErrorRecord()
 
     def _prepare(self) -> None:
@@ -239,11 +241,20 @@ class _NativeRun(BoardRun):
         )
 
 
-class _StepLog:
+class Solution(Protocol):
+    """Where a solution can be read: see ``Solver``."""
+
+    machine: Machine
+
+    def solution(self) -> NDArray[Any]: ...
+
+
+class StepLog:
     """The solutions of one slice and the truth beside them: what the errors are computed from, slice by slice."""
 
-    def __init__(self, solver: Solver, reference: Solver | None, source: Source) -> None:
-        self.solvers = [solver] if reference is None else [solver, reference]
+    def __init__(self, solvers: Sequence[Solution], source: Source) -> None:
+        """``solvers``: the one that is judged, and the reference if there is one."""
+        self.solvers = solvers
         self.numbers: list[int] = []
         self.rows: list[list[NDArray[Any]]] = [[] for _ in self.solvers]
         self.truth: list[Block] = []
@@ -298,7 +309,7 @@ class _StepLog:
         return found
 
 
-def _states(solver: Solver, rows: list[NDArray[Any]]) -> NDArray[np.float64]:
+def _states(solver: Solution, rows: list[NDArray[Any]]) -> NDArray[np.float64]:
     """Solutions as navigation states (n, 9): see report.differences; the height is not compared and left out (0)."""
     values = solver.machine.values(np.array(rows))
     states = np.zeros((len(values), 9))
@@ -331,7 +342,8 @@ def _duration_s(flight: Flight, source: Source, sheet: BoardSheet) -> float:
     return min(wanted_s, source.samples * source.sample_period_s)
 
 
-def _start(source: Source, name: str) -> Start:
+def start_of(source: Source, name: str) -> Start:
+    """Where a navigation of this source starts. Raises UsageError where it does not say."""
     initial = source.initial
     if initial is None or not initial.attitude_is_known:
         raise UsageError(

@@ -17,7 +17,7 @@ from firmware_sim.board.target import TargetProcessor
 from firmware_sim.firmware import stopwatch
 from firmware_sim.firmware.stopwatch import new_stopwatch, times_of_service
 from firmware_sim.jit import jit
-from firmware_sim.report import Report
+from firmware_sim.report import ErrorRecord, Report
 from firmware_sim.toolchain.disassembler import disassemble
 from firmware_sim.toolchain.image import Image
 
@@ -48,7 +48,7 @@ def run(
 
     Raises UsageError also for an image that the board cannot hold and for a program that runs wild.
     """
-    run_of_image = _ImageRun(flight, open_line, progress or ignore, announce or ignore)
+    run_of_image = ImageRun(flight, open_line, progress or ignore, announce or ignore)
     run_of_image.load(image, source, has_pipeline, trace, changes)
     report = run_of_image.fly()
     if changes:
@@ -68,10 +68,13 @@ def _note_services(watch: NDArray[np.int64], rows: NDArray[np.int64]) -> None:
         stopwatch.note(of_source[stopwatch.JITTER], rows[row, STARTED] - rows[row, REQUESTED])
 
 
-class _ImageRun(BoardRun):
+class ImageRun(BoardRun):
     """A flight of machine code."""
 
     processor: TargetProcessor
+    # What only the board's own firmware can be compared with.
+    vs_truth: ErrorRecord | None = None
+    vs_double: ErrorRecord | None = None
 
     def load(
         self, image: Image, source: str, has_pipeline: bool, trace: TextIO | None, changes: ValueChanges | None
@@ -143,11 +146,15 @@ class _ImageRun(BoardRun):
             interrupts_off_max_cycles=self.processor.interrupts_off_max_cycles,
             adc=self._samples(),
             line={"sent": ledger.sent, "read": ledger.read, "held": ledger.held, "dropped": ledger.dropped},
-            frames={"dropped": None},
+            frames={"dropped": self._dropped_frames()},
             resets=self.processor.resets,
-            errors_vs_truth=None,
-            errors_vs_double=None,
+            errors_vs_truth=self.vs_truth and self.vs_truth.as_dict(),
+            errors_vs_double=self.vs_double and self.vs_double.as_dict(),
         )
+
+    def _dropped_frames(self) -> int | None:
+        """How many frames found no room; None where nobody knows what the program sends."""
+        return None
 
     def _timing(self) -> dict[str, Any]:
         """Every source that was served, by its name; the three of the board's own firmware in any case."""

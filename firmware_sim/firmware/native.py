@@ -45,8 +45,6 @@ _FAULTS = 0x3F << adc.FIRST_FAULT_BIT | adc.HEIGHT_FAULT
 _WORD = 0xFFFFFFFF
 _SINGLES = ("pitch", "roll", "azimuth", "heading", "wander", "vel_east", "vel_north", "vel_up", "height")
 _SUMS = tuple(f"{sensor}_sum_{axis}" for sensor in ("gyro", "acc") for axis in "xyz")
-# All descriptions go out in this time where the line has room, and in the other at the latest.
-_DESCRIPTION_PERIOD_S, _LATEST_PERIOD_S = 1.0, 10.0
 
 
 class NativeProcessor:
@@ -66,13 +64,10 @@ class NativeProcessor:
         self._taken = np.zeros(TAKEN_SIZE, np.int64)
         self._table = telemetry.navigation_table(sheet)
         self._values = dict.fromkeys((field.name for field in self._table.fields), 0)
-        self._descriptions = [np.frombuffer(frame, np.uint8) for frame in self._table.descriptions()]
+        self._values["deadline"] = sheet.timer_period
+        self._descriptions = [np.frombuffer(frame, np.uint8) for frame in telemetry.descriptions(sheet)]
         self._next_description = 0
-        self._last_description = 0
-        ticks_per_s = sheet.h1_hz / sheet.tick_cycles
-        self._description_interval = _DESCRIPTION_PERIOD_S * ticks_per_s / len(self._descriptions)
-        self._latest_interval = _LATEST_PERIOD_S * ticks_per_s / len(self._descriptions)
-        self._next_due = 0.0
+        self._schedule = telemetry.DescriptionClock(telemetry.DescriptionSchedule.of(sheet))
         frame_bytes = self._table.layout.size + 8
         self.nav_cycles = solver.estimated_cycles() + TICK_CYCLES + frame_bytes * FRAME_BYTE_CYCLES
         self.dropped_frames = 0
@@ -146,23 +141,25 @@ class NativeProcessor:
     def _report(self, circuit: Circuit, now: int) -> None:
         """The tick's service ends: pack the frame and hand it to the UART."""
         values = self._values
-        tick, overruns, sent_after = self._taken[TICK:].tolist()
+        tick, overruns = self._taken[TICK:].tolist()
         self._flags |= self.solver.flags
         self._flags |= telemetry.TICK_OVERRUN if overruns > values["overruns"] else 0
         self._flags |= telemetry.FRAME_DROPPED if self._was_dropped else 0
-        values["tick"], values["sent_after"] = tick & _WORD, sent_after & _WORD
+        values["tick"] = tick & _WORD
         values["mode"], values["flags"], values["overruns"] = telemetry.NAVIGATE, self._flags, overruns & _WORD
         values.update(zip(_SINGLES, self.solver.words().tolist(), strict=True))
         values["latitude"], values["longitude"] = self.solver.latitude, self.solver.longitude
+        description = self._descriptions[self._next_description]
+        self._schedule.tick()
         sent = end_tick(
             circuit,
             self.state,
             self._ring,
             self.watch,
             np.frombuffer(self._table.pack(values), np.uint8),
-            self._descriptions[self._next_description],
-            tick >= self._next_due,
-            tick - self._last_description >= self._latest_interval,
+            description,
+            self._schedule.is_due(len(description)),
+            self._schedule.is_late,
             self.nav_cycles,
             now,
         )
@@ -170,7 +167,6 @@ class NativeProcessor:
         self.dropped_frames += self._was_dropped
         if sent & DESCRIPTION_SENT:
             self._next_description = (self._next_description + 1) % len(self._descriptions)
-            self._last_description = tick
-            self._next_due += self._description_interval
+            self._schedule.sent(len(description))
         values["sequence"] = (values["sequence"] + 1) & _WORD
         values["solver_cycles"] = self.nav_cycles

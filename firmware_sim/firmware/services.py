@@ -34,9 +34,9 @@ SUMS = 12
 SERVICES = ("adc", "uart", "nav")
 ADC_SERVICE, UART_SERVICE, NAV_SERVICE = range(3)
 
-# What the tick's service gets in ``taken``: the sums, and the numbers that belong to them; the last three at its end.
-N1, N2, NUMBER, HEIGHT, CLIMB, STATUS, LOST, TICK, OVERRUNS, SENT_AFTER = range(SUMS, SUMS + 10)
-TAKEN_SIZE = SENT_AFTER + 1
+# What the tick's service gets in ``taken``: the sums, and the numbers that belong to them; the last two at its end.
+N1, N2, NUMBER, HEIGHT, CLIMB, STATUS, LOST, TICK, OVERRUNS = range(SUMS, SUMS + 9)
+TAKEN_SIZE = OVERRUNS + 1
 
 STATE = np.dtype(
     [
@@ -143,7 +143,8 @@ def _transmit(
     circuit: Circuit, state: NDArray[np.void], ring: NDArray[np.uint8], data: NDArray[np.uint8], now: int
 ) -> bool:
     """Append a frame to the ring and let the UART ask for it; False, and nothing done, when it does not fit."""
-    if state[0].ring_count + data.shape[0] > RING_SIZE:
+    # A ring whose two ends meet is empty: one place stays free.
+    if state[0].ring_count + data.shape[0] >= RING_SIZE:
         return False
     for byte in data:
         ring[(state[0].ring_head + state[0].ring_count) % RING_SIZE] = byte
@@ -244,11 +245,10 @@ def end_tick(
 ) -> int:
     """The tick's service hands over its frame and returns after ``execution`` cycles of its own.
 
-    A description that is due goes with it when the line has nothing else to send; one that is late goes first, and
-    the frame is given up until there is room for it. Gives FRAME_SENT and DESCRIPTION_SENT as bits.
+    A description that is due goes behind it; one that is late goes before it, and the frame may find no more room.
+    Gives FRAME_SENT and DESCRIPTION_SENT as bits.
     """
     sent = 0
-    line_is_idle = state[0].ring_count == 0
     if description_is_late:
         # Before the frame, or it would never find room on a line that the frames fill.
         if _transmit(circuit, state, ring, description, now):
@@ -258,7 +258,7 @@ def end_tick(
     else:
         if _transmit(circuit, state, ring, frame, now):
             sent |= FRAME_SENT
-        if line_is_idle and description_is_due and _transmit(circuit, state, ring, description, now):
+        if description_is_due and _transmit(circuit, state, ring, description, now):
             sent |= DESCRIPTION_SENT
     _note_end_of_tick(circuit, state, watch, execution, now)
     return sent
@@ -331,5 +331,4 @@ def run_services(
             _advance(circuit, state, now)
             taken[TICK] = state[0].tick
             taken[OVERRUNS] = state[0].overruns
-            taken[SENT_AFTER] = (now - state[0].tick * _tick_cycles(circuit)) // 2
             return now, TICK_ENDS

@@ -2,41 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_sim.c3x import floats
+from firmware_sim.firmware.start import Start, interleaved, two_words
 from firmware_sim.jit import is_compiled
 from firmware_sim.kernels.estimate import estimated_cycles
 from firmware_sim.kernels.lower_numba import Machine, build
 from firmware_sim.nav.cycle import navigate
 from firmware_sim.nav.strapdown import initialise
-
-
-@dataclass(frozen=True)
-class Start:
-    """Where a navigation starts: the parameter block that the host or the bench gives to the firmware."""
-
-    lat_rad: float
-    lon_rad: float
-    vel_t_mps: tuple[float, float, float]
-    pitch_rad: float
-    roll_rad: float
-    azimuth_rad: float
-
-
-def two_words(values: list[float]) -> tuple[list[float], list[float]]:
-    """Each value as the nearest single and the remainder."""
-    high = [float(floats.to_float64(floats.from_float64(value))) for value in values]
-    return high, [value - word for value, word in zip(values, high, strict=True)]
-
-
-def _interleaved(values: list[float]) -> list[float]:
-    high, low = two_words(values)
-    return [word for pair in zip(high, low, strict=True) for word in pair]
 
 
 class Solver:
@@ -49,7 +25,7 @@ class Solver:
         self.machine = machine
         self._program = build([initialise, navigate], machine)
         self._navigate: Any = self._program.navigate
-        self.scale = machine.array(_interleaved(list(scale)))
+        self.scale = machine.array(interleaved(list(scale)))
         shapes = [4, 4, 3, 3, 3, (3, 3), (3, 3), 3, 3, 3]
         self.states = [machine.array(np.zeros(shape)) for shape in shapes]
         self._outputs = [machine.array(np.zeros(size)) for size in (5, 3, 4)]
@@ -80,7 +56,7 @@ class Solver:
         angles, angles_low = two_words([start.pitch_rad, start.roll_rad, start.azimuth_rad])
         encode = self.machine.array
         self._program.initialise(
-            encode(_interleaved([start.lat_rad, start.lon_rad])),
+            encode(interleaved([start.lat_rad, start.lon_rad])),
             encode(start.vel_t_mps),
             encode(angles),
             encode(angles_low),

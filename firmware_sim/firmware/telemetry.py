@@ -18,7 +18,11 @@ from firmware_sim.nav import strapdown
 from firmware_sim.nav.cycle import LATITUDE_UNITS_PER_RAD, LONGITUDE_UNITS_PER_RAD
 
 SYNC = b"\xeb\x90"
-DESCRIPTION, NAVIGATION = 0, 1
+DESCRIPTION, NAVIGATION, ANSWER, EVENT = range(4)
+"""Frame types from the board; the host's commands are the next three."""
+START_COMMAND, MODE_COMMAND, SCALE_COMMAND = 128, 129, 130
+UNKNOWN_COMMAND, WRONG_LENGTH = 254, 255
+"""Codes of an answer, beside 0 for done and the number of a value that is out of range."""
 QUANTITY, FLAGS, ENUMERATION = 0, 1, 2
 # Field type -> (code on the line, format of struct). A C3x single travels as its memory word.
 _TYPES = {"u8": (1, "B"), "u16": (2, "H"), "u32": (3, "I"), "i32": (4, "i"), "single": (5, "I")}
@@ -37,8 +41,12 @@ FLAG_LABELS = (
     "channel fault",
     "frame dropped",
     "no samples",
+    "power fails",
+    "watchdog has bitten",
 )
-SAMPLE_LOST, TICK_OVERRUN, SATURATED, CHANNEL_FAULT, FRAME_DROPPED, NO_SAMPLES = (1 << bit for bit in range(3, 9))
+SAMPLE_LOST, TICK_OVERRUN, SATURATED, CHANNEL_FAULT, FRAME_DROPPED, NO_SAMPLES, POWER_FAILS, WATCHDOG_HAS_BITTEN = (
+    1 << bit for bit in range(3, 11)
+)
 assert (strapdown.GIMBAL, strapdown.POLE, strapdown.HEIGHT_RANGE) == (1, 2, 4)
 
 
@@ -67,6 +75,11 @@ class FrameTable:
     def layout(self) -> struct.Struct:
         """The payload: little-endian, without gaps."""
         return struct.Struct("<" + "".join(_TYPES[field.type][1] for field in self.fields))
+
+    def offset_of(self, name: str) -> int:
+        """Offset of a field in the payload, bytes."""
+        number = [field.name for field in self.fields].index(name)
+        return sum(struct.calcsize(_TYPES[field.type][1]) for field in self.fields[:number])
 
     def pack(self, values: Mapping[str, int]) -> bytes:
         """A complete frame from the raw values of all fields."""
@@ -101,11 +114,11 @@ def _navigation_fields(sheet: BoardSheet) -> Iterable[Field]:
     yield Field("sequence", "u32", "", "number of the frame since start")
     yield Field("valid_time", "u32", "s", "end of the last sample in this solution", sheet.adc.period_s)
     yield Field("tick", "u32", "s", "tick that made this solution", sheet.tick_cycles / sheet.h1_hz)
-    yield Field("sent_after", "u32", "s", "from that tick to the handing over of the frame", 2 / sheet.h1_hz)
+    yield Field("deadline", "u32", "s", "allowed from that tick to the frame", 2 / sheet.h1_hz)
     yield Field("mode", "u8", "", "mode of the firmware", kind=ENUMERATION, labels=MODES)
     yield Field("samples", "u8", "", "samples in this step")
     yield Field("flags", "u16", "", "status of this solution", kind=FLAGS, labels=FLAG_LABELS)
-    yield Field("solver_cycles", "u32", "cycles", "execution of the previous solver service")
+    yield Field("solver_cycles", "u32", "cycles", "stopwatch over the previous solver service")
     yield Field("pitch", "single", "deg", "nose up", to_deg)
     yield Field("roll", "single", "deg", "right side down", to_deg)
     yield Field("azimuth", "single", "deg", "counter-clockwise from north", to_deg)
@@ -123,3 +136,102 @@ def _navigation_fields(sheet: BoardSheet) -> Iterable[Field]:
         yield Field(f"acc_sum_{axis}", "i32", "m/s", f"summed velocity increment, {axis}", sheet.adc.acc_lsb_mps)
     yield Field("overruns", "u32", "", "ticks that came while the solver was busy")
     yield Field("lost_samples", "u32", "", "samples made but not read")
+
+
+def offsets_of_navigation(sheet: BoardSheet) -> dict[str, int]:
+    """Where the fields of whole words stand in the navigation frame, in words."""
+    table = navigation_table(sheet)
+    return {field.name: table.offset_of(field.name) // 4 for field in table.fields}
+
+
+def answer_table() -> FrameTable:
+    """What became of a command from the host."""
+    return FrameTable(
+        ANSWER,
+        "answer",
+        (
+            Field("commands", "u32", "", "commands obeyed or refused since start"),
+            Field("command", "u8", "", "type of the last one"),
+            Field("code", "u8", "", "0 done, 254 unknown, 255 wrong length, else the number of the bad value"),
+            Field("spare", "u16", "", "zero"),
+        ),
+    )
+
+
+def event_table(sheet: BoardSheet) -> FrameTable:
+    """An external event."""
+    return FrameTable(
+        EVENT,
+        "event",
+        (
+            Field("events", "u32", "", "events since start"),
+            Field("stopwatch", "u32", "s", "when the last one came, since reset", 2 / sheet.h1_hz),
+        ),
+    )
+
+
+def descriptions(sheet: BoardSheet) -> list[bytes]:
+    """One complete description frame for each field of each frame type."""
+    tables = (navigation_table(sheet), answer_table(), event_table(sheet))
+    return [frame for table in tables for frame in table.descriptions()]
+
+
+MOST_CREDIT = 1024
+
+
+@dataclass(frozen=True)
+class DescriptionSchedule:
+    """When descriptions go out, in whole numbers that every engine counts alike.
+
+    All ``descriptions`` are due in ``ticks`` ticks, where the line has room: what the frames leave of a tick,
+    ``spare_bytes``, is saved up to MOST_CREDIT. One that has waited ``late_ticks`` takes the place of a frame.
+    """
+
+    descriptions: int
+    ticks: int
+    late_ticks: int
+    spare_bytes: int
+
+    @classmethod
+    def of(cls, sheet: BoardSheet) -> DescriptionSchedule:
+        """For the rates of a board: about once a second, within ten seconds on a full line."""
+        count = len(descriptions(sheet))
+        per_s = sheet.h1_hz / sheet.tick_cycles
+        bytes_per_tick = sheet.uart.crystal_hz / (16 * sheet.uart_divisor * 10) / per_s
+        frame_bytes = navigation_table(sheet).layout.size + 8
+        return cls(
+            descriptions=count,
+            ticks=max(count, round(per_s)),
+            late_ticks=max(1, round(10.0 * per_s / count)),
+            spare_bytes=int(bytes_per_tick) - frame_bytes,
+        )
+
+
+class DescriptionClock:
+    """Counts the ticks of a ``DescriptionSchedule``, as frame.asm does."""
+
+    def __init__(self, schedule: DescriptionSchedule) -> None:
+        self._schedule = schedule
+        self._due = self._credit = self._waited = 0
+
+    def tick(self) -> None:
+        """Another tick has come."""
+        schedule = self._schedule
+        self._due = min(self._due + schedule.descriptions, 2 * schedule.ticks)
+        self._credit = max(-MOST_CREDIT, min(self._credit + schedule.spare_bytes, MOST_CREDIT))
+        self._waited += 1
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the next description goes before the frame."""
+        return self._waited >= self._schedule.late_ticks
+
+    def is_due(self, size: int) -> bool:
+        """Whether one of ``size`` bytes goes behind the frame."""
+        return self._due >= self._schedule.ticks and size <= self._credit
+
+    def sent(self, size: int) -> None:
+        """One of ``size`` bytes has gone."""
+        self._due = max(0, self._due - self._schedule.ticks)
+        self._credit -= size
+        self._waited = 0

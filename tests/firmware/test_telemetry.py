@@ -68,7 +68,7 @@ def test_scales_come_from_the_board(described):
     scales = {texts[1]: head[6] for head, texts in described}
     assert scales["valid_time"] == 0.001
     assert scales["tick"] == pytest.approx(0.02, rel=1e-15)
-    assert scales["sent_after"] == 80e-9
+    assert scales["deadline"] == 80e-9
     # Full scale is 200 deg/s in 2^23 counts of one millisecond.
     assert scales["gyro_sum_x"] * 2**23 == pytest.approx(0.2, rel=1e-14)
     assert scales["latitude"] * 2**30 == pytest.approx(57.29577951308232, rel=1e-15)

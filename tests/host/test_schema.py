@@ -76,7 +76,7 @@ def test_values_of_a_navigation_frame(kit: Any) -> None:
     assert values["sequence"] == 1234
     assert isinstance(values["sequence"], int)
     assert values["valid_time"] == pytest.approx(24.68, abs=1e-12)  # one rounding of the product
-    assert values["sent_after"] == pytest.approx(0.0016, abs=1e-15)
+    assert values["deadline"] == pytest.approx(0.0016, abs=1e-15)
     # A C3x single keeps 24 bits: below 8 deg a unit is 2^-21 deg.
     assert values["pitch"] == pytest.approx(2 * math.sin(24.68), abs=2**-21)
     assert values["vel_up"] == pytest.approx(0.3 * math.sin(4.936), abs=2**-23)

@@ -1,0 +1,131 @@
+"""The bench for the board's own firmware as machine code, with a double solver and the truth beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_sim.bench import Flight, StepLog, ignore, start_of
+from firmware_sim.bench_image import ImageRun
+from firmware_sim.board.adc import CHANNELS
+from firmware_sim.board.line import Line, NullLine
+from firmware_sim.firmware.build import Firmware, build_firmware
+from firmware_sim.firmware.solver import Solver
+from firmware_sim.firmware.telemetry import NAVIGATE, offsets_of_navigation
+from firmware_sim.kernels.lower_numba import C3X, DOUBLE
+from firmware_sim.plant.source import Block
+from firmware_sim.report import ErrorRecord, Report
+
+if TYPE_CHECKING:
+    from firmware_sim.value_changes import ValueChanges
+
+
+def run(
+    flight: Flight,
+    *,
+    has_pipeline: bool = True,
+    trace: TextIO | None = None,
+    changes: ValueChanges | None = None,
+    open_line: Callable[[], Line] = NullLine,
+    progress: Callable[[float, float], None] | None = None,
+    announce: Callable[[str], None] | None = None,
+) -> Report:
+    """Build the firmware for a flight's board and start, and run it. As ``bench_image.run``."""
+    flown = FirmwareRun(flight, open_line, progress or ignore, announce or ignore)
+    flown.start(has_pipeline, trace, changes)
+    report = flown.fly()
+    if changes:
+        changes.end(flown.board.now)
+    return report
+
+
+class TargetSolver:
+    """The solution in the memory of the target, read as ``Solver`` gives its own."""
+
+    machine = C3X
+
+    def __init__(self, run: FirmwareRun) -> None:
+        self._run = run
+
+    def solution(self) -> NDArray[np.int64]:
+        """As ``Solver.solution``."""
+        words = [self._run.words(name, size) for name, size in (("angles_rad", 5), ("velocity_t_mps", 3), ("place", 4))]
+        return np.concatenate(words) << 8
+
+
+class FirmwareRun(ImageRun):
+    """A flight of the board's own firmware."""
+
+    firmware: Firmware
+
+    def start(self, has_pipeline: bool, trace: TextIO | None, changes: ValueChanges | None) -> None:
+        """Build the firmware and put it into the board."""
+        start = start_of(self.source, self.flight.scenario.name)
+        self.firmware = build_firmware(self.sheet, start)
+        self.load(self.firmware.image, "the board's firmware", has_pipeline, trace, changes)
+        scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
+        self.reference = Solver(DOUBLE, scale, start)
+        self.log = StepLog([TargetSolver(self), self.reference], self.source)
+        self.vs_truth, self.vs_double = ErrorRecord(), ErrorRecord()
+        self._offsets = offsets_of_navigation(self.sheet)
+        self._next_look = 2 * self.sheet.tick_cycles - 1
+        self._seen = 0
+        self._dropped = 0
+
+    def _prepare(self) -> None:
+        self.reference.compile()
+        super()._prepare()
+
+    def _next_block(self) -> Block | None:
+        block = super()._next_block()
+        if block is not None:
+            self.log.add_truth(block)
+        return block
+
+    def _run_slice(self, until: int) -> None:
+        """Run tick by tick: the solution of a tick is read before the next one comes."""
+        while self._next_look <= until:
+            super()._run_slice(self._next_look)
+            self._look()
+            self._next_look += self.sheet.tick_cycles
+        if self.board.now < until:
+            super()._run_slice(until)
+        assert self.vs_truth is not None
+        assert self.vs_double is not None
+        self.log.close_slice(self.vs_truth, self.vs_double)
+
+    def _look(self) -> None:
+        """Step the reference with what the target took, when it has navigated since the last look."""
+        frames = int(self.variable("frame")[0])
+        if frames == self._seen:
+            return
+        self._seen = frames
+        self._dropped += int(self.variable("is_dropped")[0])
+        if int(self.variable("mode")[0]) != NAVIGATE:
+            return
+        taken, first = int(self.variable("taken")[0]), int(self.variable("first_part")[0])
+        n1 = min(taken, first)
+        sums = _signed(self.words("sums", 2 * CHANNELS))
+        height_mm, climb_mmps = (int(_signed(self.variable(name))[0]) for name in ("taken_height", "taken_climb"))
+        self.reference.step(sums, n1, taken - n1, height_mm, climb_mmps)
+        self.log.add_step(int(self.variable("frame", offset=self._offsets["valid_time"])[0]))
+
+    def variable(self, symbol: str, size: int = 1, offset: int = 0) -> NDArray[np.int64]:
+        """Words of the firmware's memory, by a label of its assembly."""
+        memory = self.processor.cpu.memory
+        at = memory.index(self.firmware.address(symbol) + offset)
+        return memory.words[at : at + size].astype(np.int64)
+
+    def words(self, array: str, size: int) -> NDArray[np.int64]:
+        """Words of an array that the kernels share with the firmware."""
+        return self.variable(f"v_{array}", size)
+
+    def _dropped_frames(self) -> int:
+        return self._dropped
+
+
+def _signed(words: NDArray[Any]) -> NDArray[np.int64]:
+    return words.astype(np.uint32).astype(np.int32).astype(np.int64)

@@ -1,0 +1,208 @@
+; Frames: the navigation frame is completed, packed byte by byte with its CRC, and handed to the UART's ring.
+
+            .sect   "services"
+report:     LDI     @timer1_at,AR0
+            LDI     *+AR0(4),R0
+            SUBI    @due,R0
+            CALL    whole_ticks             ; ticks that have come meanwhile
+            LDI     0,R6
+            ADDI    @frame+OVERRUNS_WORD,R1
+            CMPI    @frame+OVERRUNS_WORD,R1
+            LDINE   OVERRUN_FLAG,R6
+            STI     R1,@frame+OVERRUNS_WORD
+            OR      @sample_bits,R6
+            OR      @solution,R6
+            OR      @extra_flags,R6
+            LDI     0,R1
+            LDI     @is_dropped,R0
+            LDINZ   DROPPED_FLAG,R1
+            OR      R1,R6
+            LSH     8,R6                    ; flags, samples, mode: one word
+            LDI     @taken,R0
+            CMPI    255,R0
+            LDIGT   255,R0
+            OR      R0,R6
+            LSH     8,R6
+            OR      @mode,R6
+            STI     R6,@frame+FLAGS_WORD
+            LDI     0,R0                    ; the watchdog's bite is told once
+            STI     R0,@extra_flags
+
+            LDI     @frame_at,AR1           ; attitude and velocity
+            .eval   0, n
+            .loop   5
+            LDI     @v_angles_rad+n,R0
+            STI     R0,@frame+ATTITUDE_WORD+n
+            .eval   n+1, n
+            .endloop
+            .eval   0, n
+            .loop   3
+            LDI     @v_velocity_t_mps+n,R0
+            STI     R0,@frame+VELOCITY_WORD+n
+            .eval   n+1, n
+            .endloop
+            LDI     @solver_at,AR2          ; the increments of both halves
+            ADDI    SUMS_WORD,AR1
+            .loop   6
+            LDI     *AR2++,R0
+            ADDI    *+AR2(5),R0
+            STI     R0,*AR1++
+            .endloop
+
+; Descriptions use what the line has left over; one that is late goes before the frame.
+            LDI     @due_words,R0
+            ADDI    DESCRIPTIONS,R0
+            CMPI    2*DESCRIBE_TICKS,R0
+            LDIGT   2*DESCRIBE_TICKS,R0
+            STI     R0,@due_words
+            LDI     @credit,R1
+            ADDI    SPARE_BYTES,R1
+            CMPI    MOST_CREDIT,R1
+            LDIGT   MOST_CREDIT,R1
+            CMPI    -MOST_CREDIT,R1
+            LDILT   -MOST_CREDIT,R1
+            STI     R1,@credit
+            LDI     @waited,R0
+            ADDI    1,R0
+            STI     R0,@waited
+            CMPI    LATE_TICKS,R0
+            BLT     report_frame
+            CALL    describe
+
+report_frame:
+            LDI     @frame_at,AR4
+            LDI     NAVIGATION_TYPE,R4
+            LDI     FRAME_WORDS,R5
+            CALL    send
+            XOR     1,R0
+            STI     R0,@is_dropped
+            LDI     @frame,R0               ; the sequence counts frames that were dropped too
+            ADDI    1,R0
+            STI     R0,@frame
+            LDI     @due_words,R0
+            CMPI    DESCRIBE_TICKS,R0
+            BLT     report_events
+            LDI     @waited,R0
+            BZ      report_events           ; one has gone before the frame
+            LDI     @described,AR4
+            LDI     *AR4,R0
+            CMPI    @credit,R0
+            BGT     report_events
+            CALL    describe
+
+report_events:
+            LDI     @event,R0
+            CMPI    @event_sent,R0
+            BEQ     report_answer
+            STI     R0,@event_sent
+            LDI     @event_at,AR4
+            LDI     EVENT_TYPE,R4
+            LDI     2,R5
+            CALL    send
+report_answer:
+            LDI     @has_answer,R0
+            BZ      report_end
+            LDI     0,R0
+            STI     R0,@has_answer
+            LDI     @answer_at,AR4
+            LDI     ANSWER_TYPE,R4
+            LDI     2,R5
+            CALL    send
+report_end: LDI     @uart_at,AR0
+            LDI     3,R0                    ; let the transmitter ask for bytes
+            STI     R0,*+AR0(1)
+            RETS
+
+; The next description goes to the ring, if there is room: a length, and as many bytes. A length of 0 ends the list.
+describe:   LDI     @described,AR4
+            LDI     *AR4++,R5
+            CALL    room
+            BLT     describe_end
+            LDI     @tx_tail,AR2
+            LDI     R5,RC
+            SUBI    1,RC
+            RPTB    describe_byte
+            LDI     *AR4++,R0
+describe_byte: STI  R0,*AR2++(1)%
+            STI     AR2,@tx_tail
+            LDI     @credit,R0
+            SUBI    R5,R0
+            STI     R0,@credit
+            LDI     @due_words,R0
+            SUBI    DESCRIBE_TICKS,R0
+            LDILT   0,R0
+            STI     R0,@due_words
+            LDI     0,R0
+            STI     R0,@waited
+            LDI     *AR4,R0
+            BNZ     describe_next
+            LDI     @first_at,AR4
+describe_next:
+            STI     AR4,@described
+describe_end: RETS
+
+; Whether R5 bytes fit into the ring: the flags compare the room with them.
+room:       LDI     @tx_tail,R0
+            SUBI    @tx_head,R0
+            AND     RING-1,R0
+            SUBRI   @ring_free,R0
+            CMPI    R5,R0
+            RETS
+
+; One byte, the low one of R1, to the ring and into the CRC in R7; R6 is 0FFh.
+BYTE        .macro
+            AND3    R6,R1,R0
+            STI     R0,*AR2++(1)%
+            XOR3    R7,R0,R0
+            AND3    R6,R0,IR0
+            LSH     -8,R1
+            LSH     -8,R7
+            XOR     *+AR3(IR0),R7
+            .endm
+
+; The frame of type R4 with R5 words from AR4 on. R0 is 1 when it went to the ring, and 0 when there was no room.
+send:       LSH     2,R5                    ; in bytes
+            ADDI    8,R5
+            CALL    room
+            BLT     send_dropped
+            LDI     @tx_tail,AR2
+            LDI     @crc_at,AR3
+            SUBI    8,R5
+            LDI     0EBh,R0
+            STI     R0,*AR2++(1)%
+            LDI     90h,R0
+            STI     R0,*AR2++(1)%
+            LDI     -1,R7
+            LDI     0FFh,R6
+            LDI     R5,R1                   ; type and length
+            LSH     8,R1
+            OR      R4,R1
+            BYTE
+            BYTE
+            LSH     -2,R5
+            LDI     R5,RC
+            SUBI    1,RC
+            RPTB    send_word
+            LDI     *AR4++,R1
+            BYTE
+            BYTE
+            BYTE
+            AND3    R6,R1,R0
+            STI     R0,*AR2++(1)%
+            XOR3    R7,R0,R0
+            AND3    R6,R0,IR0
+            LSH     -8,R7
+            NOP
+send_word:  XOR     *+AR3(IR0),R7
+            NOT     R7,R1
+            .loop   4
+            AND3    R6,R1,R0
+            STI     R0,*AR2++(1)%
+            LSH     -8,R1
+            .endloop
+            STI     AR2,@tx_tail
+            LDI     1,R0
+            RETS
+send_dropped:
+            LDI     0,R0
+            RETS

@@ -1,0 +1,164 @@
+; TINT0: one navigation cycle. The sums are taken, then all other services may come in between.
+
+SAVE        .macro
+            PUSH    ST
+            .eval   0, n
+            .loop   8
+            PUSH    R:n:
+            PUSHF   R:n:
+            .eval   n+1, n
+            .endloop
+            .eval   0, n
+            .loop   6
+            PUSH    AR:n:
+            .eval   n+1, n
+            .endloop
+            PUSH    IR0
+            PUSH    IR1
+            PUSH    RS
+            PUSH    RE
+            PUSH    RC
+            .endm
+
+RESTORE     .macro
+            POP     RC
+            POP     RE
+            POP     RS
+            POP     IR1
+            POP     IR0
+            .eval   5, n
+            .loop   6
+            POP     AR:n:
+            .eval   n-1, n
+            .endloop
+            .eval   7, n
+            .loop   8
+            POPF    R:n:
+            POP     R:n:
+            .eval   n-1, n
+            .endloop
+            POP     ST
+            .endm
+
+            .sect   "services"
+tick_service:
+            SAVE
+            LDI     @timer1_at,AR0
+            LDI     @sums_at,AR1
+            LDI     @solver_at,AR2
+            LDI     0,R1
+            LDI     *+AR0(4),R0
+            STI     R0,@began
+
+; The latch rule: no sample comes between, for a service begins with interrupts off.
+            LDI     11,RC
+            RPTB    tick_latch
+            LDI     *AR1,R0
+tick_latch: STI     R0,*AR2++
+||          STI     R1,*AR1++
+            LDI     @samples,R2
+            STI     R1,@samples
+            STI     R2,@taken
+            LDI     @adc_status,R0
+            STI     R1,@adc_status
+            STI     R0,@taken_status
+            LDI     @height_mm,R0
+            STI     R0,@taken_height
+            LDI     @climb_mmps,R0
+            STI     R0,@taken_climb
+            LDI     @number,R0
+            STI     R0,@frame+VALID_WORD
+            LDI     @lost,R3
+            ANDN    TICK_SOURCE,IE
+            OR      2000h,ST
+
+; Flags of the samples: lost since the last frame, saturated, faulty, none at all.
+            LDI     0,R7
+            CMPI    @frame+LOST_WORD,R3
+            LDINE   LOST_FLAG,R7
+            STI     R3,@frame+LOST_WORD
+            CALL    sample_flags
+
+; Which tick this is; those that were missed are passed over.
+            LDI     @began,R0
+            SUBI    @due,R0
+            CALL    whole_ticks
+            ADDI    @tick,R1
+            STI     R1,@tick
+            STI     R1,@frame+TICK_WORD
+            LDI     @began,R1
+            SUBI    R0,R1
+            STI     R1,@due
+
+            LDI     0,R0
+            STI     R0,@solution
+            LDI     @mode,R0
+            CMPI    NAVIGATE,R0
+            BNE     tick_report
+            LDI     @taken,R0
+            LDI     R0,R1
+            SUBI    @first_part,R1
+            LDILT   0,R1                    ; samples of the second half
+            SUBI    R1,R0
+            LDI     @taken_height,R2
+            LDI     @taken_climb,R3
+            CALL    k_cycle_navigate
+            STI     R0,@solution
+            STF     R1,@frame+HEIGHT_WORD
+            STI     R2,@frame+LATITUDE_WORD
+            STI     R3,@frame+LONGITUDE_WORD
+
+tick_report:
+            CALL    report
+            LDI     @timer1_at,AR0
+            LDI     @watchdog_at,AR1
+            LDI     *+AR0(4),R0
+            SUBI    @began,R0
+            LSH     1,R0                    ; the stopwatch counts every second cycle
+            STI     R0,@frame+SOLVER_WORD   ; for the next frame
+            LDI     5Ah,R0
+            STI     R0,*AR1
+            LDI     0A5h,R0
+            STI     R0,*AR1
+            LDI     @received,R1            ; half a command that does not go on is forgotten
+            LDI     @rx_tail,R0
+            CMPI    @rx_seen,R0
+            LDIEQ   0,R1
+            STI     R1,@received
+            STI     R0,@rx_seen
+            LDI     @is_ready,R0
+            BZ      tick_end
+            CALL    obey
+tick_end:   ANDN    2000h,ST
+            OR      TICK_SOURCE,IE
+            RESTORE
+            RETI
+
+; R7 gets the flags that the status of the samples raises.
+sample_flags:
+            LDI     @taken_status,R0
+            LDI     0,R1
+            TSTB    SATURATED,R0
+            LDINZ   SATURATED_FLAG,R1
+            OR      R1,R7
+            LDI     0,R1
+            TSTB    FAULTS,R0
+            LDINZ   FAULT_FLAG,R1
+            OR      R1,R7
+            LDI     0,R1
+            LDI     @taken,R0
+            LDIZ    EMPTY_FLAG,R1
+            OR      R1,R7
+            STI     R7,@sample_bits
+            RETS
+
+; R0, counts of the stopwatch, into whole ticks R1 and the rest R0.
+whole_ticks:
+            LDI     0,R1
+            LDI     @period,R2
+whole_more: CMPI    R2,R0
+            BLT     whole_end
+            SUBI    R2,R0
+            ADDI    1,R1
+            B       whole_more
+whole_end:  RETS

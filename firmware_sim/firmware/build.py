@@ -1,0 +1,231 @@
+"""The board's own firmware: kernels and assembly services become one image (docs/firmware.md).
+
+``build_firmware(sheet)`` gives the image for a board; what differs from board to board (rates, scales, the initial
+position) is in its parameters and constants, the services and kernels are the same.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from firmware_sim.board import adc, timer
+from firmware_sim.board.bus import DEVICES, MEMORY
+from firmware_sim.board.interrupts import BITS
+from firmware_sim.board.sheet import BoardSheet
+from firmware_sim.c3x import floats
+from firmware_sim.firmware import telemetry
+from firmware_sim.firmware.start import Start, interleaved, two_words
+from firmware_sim.kernels.language import Kernel
+from firmware_sim.kernels.lower_c3x import ON_CHIP, MachineProgram, compile_kernels
+from firmware_sim.nav.cycle import navigate
+from firmware_sim.nav.start import accept_scale, start_from_host
+from firmware_sim.nav.strapdown import initialise
+from firmware_sim.toolchain.assembler import AssembledImage, assemble
+
+ASSEMBLY: Final = Path(__file__).parent / "assembly"
+KERNELS: Final[tuple[Kernel, ...]] = (navigate, initialise, start_from_host, accept_scale)
+FILES: Final = (
+    "memory.asm",
+    "vectors.asm",
+    "boot.asm",
+    "adc.asm",
+    "uart.asm",
+    "events.asm",
+    "tick.asm",
+    "frame.asm",
+    "commands.asm",
+)
+RING: Final = 4096
+"""Bytes of a ring, one in a word; a power of two, at a multiple of itself."""
+SERVICES: Final = {"adc_service": "INT0", "uart_service": "INT1", "tick_service": "TINT0"}
+
+_VECTOR_PAGE: Final = 1
+# Counts of a timer (two cycles) from reset to the start of the stopwatch, and from its reading to the setting of the
+# tick's counter, as boot.asm stands: the first tick comes 20 ms behind reset (tests/firmware/test_firmware.py).
+_FROM_RESET: Final = 4
+_FROM_RESET_TO_TICK: Final = 5
+_SECTIONS: Final = {
+    "reset": 0x0000,
+    "vectors": _VECTOR_PAGE << 8,
+    "boot": 0x0200,
+    "services": 0x0400,
+    "kernels": 0x0C00,
+    "constants": 0x5800,
+    "tables": 0x6000,
+    "command": 0x7E00,
+    "tx_ring": 0x10000,
+    "rx_ring": 0x11000,
+}
+
+
+@dataclass(frozen=True)
+class Firmware:
+    """The image, the kernels in it and the assembly that it was made of."""
+
+    image: AssembledImage
+    kernels: MachineProgram
+    source: str
+
+    def address(self, symbol: str) -> int:
+        """The address of a label or of a variable."""
+        return self.image.symbols[symbol].value
+
+    @property
+    def words(self) -> int:
+        """Code and data: the words that the image fills, and the room that it reserves."""
+        return sum(section.size for section in self.image.sections.values())
+
+
+def build_firmware(sheet: BoardSheet, start: Start | None = None) -> Firmware:
+    """Build the firmware for a board; without a ``start`` it waits for one from the host.
+
+    Raises KernelError or UsageError for kernels that cannot be compiled.
+    """
+    kernels = compile_kernels(KERNELS)
+    source = "\n".join([*_definitions(sheet, kernels), kernels.source, *_includes(), *_tables(sheet, start)]) + "\n"
+    addresses = {**_SECTIONS, "onchip": ON_CHIP + kernels.words_on_chip}
+    return Firmware(assemble(source, name="firmware", addresses=addresses, include_folders=[ASSEMBLY]), kernels, source)
+
+
+def _includes() -> list[str]:
+    return [f'            .include "{name}"' for name in FILES]
+
+
+def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
+    """The constants that the assembly files are written with."""
+    devices = {window.name: window.first for window in DEVICES}
+    on_chip = next(window for window in MEMORY if window.name == "on-chip RAM")
+    table = telemetry.navigation_table(sheet)
+    schedule = telemetry.DescriptionSchedule.of(sheet)
+    first_part = max(1, round(sheet.samples_per_tick / 2))
+    values = {
+        "ONCHIP": on_chip.first,
+        "DATA_PAGE": on_chip.first >> 16,
+        "KERNEL_CONSTANTS": kernels.constants,
+        "KERNEL_CONSTANTS_AT": kernels.constants_at,
+        "ADC": devices["A/D front end"],
+        "UART": devices["UART"],
+        "TIMER0": devices["timer 0"],
+        "TIMER1": devices["timer 1"],
+        "WATCHDOG": devices["watchdog"],
+        "STROBES": devices["strobe control"],
+        "IOSTRB": 0x48,  # two wait states, by the chip's own counter
+        "VECTOR_PAGE": _VECTOR_PAGE,
+        "TIMER_RUNS": timer.FUNC | timer.GO | timer.HLD | timer.CLKSRC,
+        "FROM_RESET": _FROM_RESET,
+        "FROM_RESET_TO_TICK": _FROM_RESET_TO_TICK,
+        "SOURCES": sum(1 << BITS[name] for name in ("INT0", "INT1", "INT2", "INT3", "TINT0", "TINT1")),
+        "TICK_SOURCE": 1 << BITS["TINT0"],
+        "RUNNING": 0x6800,  # ST: edge triggered, GIE, cache
+        "RING": RING,
+        "PERIOD": sheet.timer_period,
+        "DIVISOR": sheet.uart_divisor,
+        "FIRST_PART": first_part,
+        "SAFE_COUNT": first_part + (2**30 >> (sheet.adc.bits - 1)) - 1,
+        "MOST": 2**30 - 1,
+        "LEAST": -(2**30),
+        "SATURATED": adc.SATURATED,
+        "FAULTS": 0x3F << adc.FIRST_FAULT_BIT | adc.HEIGHT_FAULT,
+        "NAVIGATE": telemetry.NAVIGATE,
+        "NAVIGATION_TYPE": telemetry.NAVIGATION,
+        "ANSWER_TYPE": telemetry.ANSWER,
+        "EVENT_TYPE": telemetry.EVENT,
+        "FRAME_WORDS": table.layout.size // 4,
+        "DESCRIPTIONS": schedule.descriptions,
+        "DESCRIBE_TICKS": schedule.ticks,
+        "LATE_TICKS": schedule.late_ticks,
+        "SPARE_BYTES": schedule.spare_bytes,
+        "MOST_CREDIT": telemetry.MOST_CREDIT,
+        "START_COMMAND": telemetry.START_COMMAND,
+        "MODE_COMMAND": telemetry.MODE_COMMAND,
+        "SCALE_COMMAND": telemetry.SCALE_COMMAND,
+        "UNKNOWN_COMMAND": telemetry.UNKNOWN_COMMAND,
+        "WRONG_LENGTH": telemetry.WRONG_LENGTH,
+        **{f"{name}_FLAG": value for name, value in _flags().items()},
+        **{f"{name}_WORD": table.offset_of(field) // 4 for name, field in _WORDS.items()},
+    }
+    for name, value in values.items():
+        yield f"{name:<24}.set    {value}"
+
+
+_WORDS: Final = {
+    "VALID": "valid_time",
+    "TICK": "tick",
+    "DEADLINE": "deadline",
+    "FLAGS": "mode",
+    "SOLVER": "solver_cycles",
+    "ATTITUDE": "pitch",
+    "VELOCITY": "vel_east",
+    "LATITUDE": "latitude",
+    "LONGITUDE": "longitude",
+    "HEIGHT": "height",
+    "SUMS": "gyro_sum_x",
+    "OVERRUNS": "overruns",
+    "LOST": "lost_samples",
+}
+
+
+def _flags() -> dict[str, int]:
+    return {
+        "LOST": telemetry.SAMPLE_LOST,
+        "OVERRUN": telemetry.TICK_OVERRUN,
+        "SATURATED": telemetry.SATURATED,
+        "FAULT": telemetry.CHANNEL_FAULT,
+        "DROPPED": telemetry.FRAME_DROPPED,
+        "EMPTY": telemetry.NO_SAMPLES,
+        "POWER": telemetry.POWER_FAILS,
+        "WATCHDOG": telemetry.WATCHDOG_HAS_BITTEN,
+    }
+
+
+def _tables(sheet: BoardSheet, start: Start | None) -> Iterator[str]:
+    """Parameters in page 0, where boot reads them, and the tables."""
+    yield '            .sect   "boot"'
+    yield f"start_is_known: .word {int(start is not None)}"
+    yield "start_words:"
+    for value in _start_values(start) if start else [0.0] * 13:
+        yield _single_text(value)
+    yield "scale_words:"
+    for value in interleaved([sheet.adc.gyro_lsb_rad, sheet.adc.acc_lsb_mps, sheet.adc.period_s]):
+        yield _single_text(value)
+    yield '            .sect   "tables"'
+    yield "crc_table:"
+    for byte in range(256):
+        # The register after one byte: zlib inverts it before and behind.
+        yield f"            .word   0{zlib.crc32(bytes([byte]), 0xFFFFFFFF) ^ 0xFFFFFFFF:08X}h"
+    yield "descriptions:"
+    for frame in telemetry.descriptions(sheet):
+        yield f"            .word   {len(frame)}"
+        for at in range(0, len(frame), 16):
+            yield f"            .byte   {', '.join(str(byte) for byte in frame[at : at + 16])}"
+    yield "            .word   0"
+
+
+def _start_values(start: Start) -> list[float]:
+    angles, angles_low = two_words([start.pitch_rad, start.roll_rad, start.azimuth_rad])
+    return [*interleaved([start.lat_rad, start.lon_rad]), *start.vel_t_mps, *angles, *angles_low]
+
+
+def _single_text(value: float) -> str:
+    word = floats.from_float64(value) >> 8 & 0xFFFFFFFF
+    return f"            .word   0{word:08X}h       ; {value!r}"
+
+
+def map_of(firmware: Firmware) -> str:
+    """What lies where: the sections, then every label and variable in the order of their addresses."""
+    sections = sorted(firmware.image.sections.values(), key=lambda section: section.address)
+    lines = [f"{firmware.words} words in all", "", "address  words  section"]
+    lines += [f"{section.address:06X}  {section.size:>6}  {section.name}" for section in sections]
+    lines += ["", "address  symbol"]
+    symbols = [symbol for symbol in firmware.image.symbols.values() if _is_placed(symbol.value)]
+    lines += [f"{symbol.value:06X}   {symbol.name}" for symbol in sorted(symbols, key=lambda s: (s.value, s.name))]
+    return "\n".join(lines) + "\n"
+
+
+def _is_placed(value: int) -> bool:
+    """Whether a symbol is an address of memory and not just a small number."""
+    return any(window.first <= value <= window.last for window in MEMORY) and value >= _SECTIONS["boot"]

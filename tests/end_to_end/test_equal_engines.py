@@ -1,0 +1,81 @@
+"""`c3x` and `iss`, the fast target and the machine code: what they send is the same, byte for byte."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firmware_sim import bench, bench_firmware
+from firmware_sim.bench import Flight
+from firmware_sim.board.line import FileLine
+from firmware_sim.board.sheet import AdcSheet, BoardSheet, TickSheet, UartSheet
+from firmware_sim.firmware import telemetry
+from firmware_sim.plant.scenario import load_scenario
+from tests.end_to_end.test_recorded_unit import EXCERPT, aligned
+from tests.firmware.conftest import frames_of
+
+MEASURED = "solver_cycles"
+
+
+def sent_by(engine: str, flight: Flight, path: Path) -> tuple[Any, bytes]:
+    run = bench_firmware.run if engine == "iss" else bench.run
+    report = run(flight, open_line=lambda: FileLine(path))
+    return report, path.read_bytes()
+
+
+def without_the_measured_field(sheet: BoardSheet, sent: bytes) -> list[tuple[int, bytes]]:
+    offset = telemetry.navigation_table(sheet).offset_of(MEASURED)
+    return [
+        (kind, payload[:offset] + payload[offset + 4 :] if kind == telemetry.NAVIGATION else payload)
+        for kind, payload in frames_of(sent)
+    ]
+
+
+SHEETS = {
+    "default": BoardSheet(),
+    "40 ms, 500 Hz, 57600 baud": BoardSheet(
+        tick=TickSheet(period_s=0.04), adc=AdcSheet(rate_hz=500.0, bits=20), uart=UartSheet(baud=57600)
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "sheet", "seed"),
+    [
+        ("sway", "default", 0),
+        ("turn", "default", 7),
+        ("transit", "default", 3),
+        ("sway", "40 ms, 500 Hz, 57600 baud", 5),
+    ],
+)
+def test_every_frame_is_the_same_but_for_the_measured_cycles(tmp_path: Path, name: str, sheet: str, seed: int) -> None:
+    flights = {
+        engine: Flight(load_scenario(name), SHEETS[sheet], engine, duration_s=30.0, seed=seed)
+        for engine in ("c3x", "iss")
+    }
+    reports, frames = {}, {}
+    for engine, flight in flights.items():
+        reports[engine], sent = sent_by(engine, flight, tmp_path / engine)
+        frames[engine] = without_the_measured_field(SHEETS[sheet], sent)
+    assert len(frames["c3x"]) > 600
+    assert frames["c3x"] == frames["iss"]
+    for errors in ("errors_vs_truth", "errors_vs_double"):
+        for quantity, found in reports["iss"][errors].items():
+            # The same states; numpy sums them in other batches.
+            assert found == pytest.approx(reports["c3x"][errors][quantity], rel=1e-9)
+    assert reports["iss"]["adc"]["lost"] == 0
+    assert reports["iss"]["overruns"] == 0
+
+
+def test_a_recorded_unit_is_the_same_on_both(tmp_path: Path) -> None:
+    scenario = aligned(tmp_path, EXCERPT, 0.0)
+    frames = [
+        without_the_measured_field(
+            BoardSheet(), sent_by(engine, Flight(scenario, BoardSheet(), engine), tmp_path / engine)[1]
+        )
+        for engine in ("c3x", "iss")
+    ]
+    assert len(frames[0]) > 200
+    assert frames[0] == frames[1]
