@@ -83,7 +83,8 @@ def _fingerprint(source: Path) -> str:
         path = waiting.pop()
         closure.add(path)
         waiting |= _imports_of(path) - closure
-    for path in sorted(closure, key=lambda path: path.name):
+    # By the whole path: two rooms may have a file of one name, whose order would be another in each process.
+    for path in sorted(closure):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
 

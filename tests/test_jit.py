@@ -71,3 +71,15 @@ def test_an_edit_elsewhere_costs_no_compilation(package_copy):
     assert run() == "20 0"
     (package / "stranger.py").write_text("x = 1\n")
     assert run() == "20 1"
+
+
+def test_files_of_one_name_do_not_make_a_second_compilation(package_copy):
+    package, run = package_copy
+    # Sets of paths have another order in each process.
+    for room in "abcdef":
+        (package / room).mkdir()
+        (package / room / "leaf.py").write_text(f"x = '{room}'\n")
+    imports = "".join(f"from firmware_sim.{room}.leaf import x as {room}\n" for room in "abcdef")
+    (package / "top.py").write_text(imports + (package / "top.py").read_text())
+    assert run() == "20 0"
+    assert [run() for _ in range(4)] == ["20 1"] * 4
