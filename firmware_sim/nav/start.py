@@ -20,7 +20,7 @@ _MOST_SPEED_MMPS = 2_000_000
 _MOST_CLIMB_MMPS = 500_000
 _LATITUDE_RAD = 1.0 / LATITUDE_UNITS_PER_RAD
 _ANGLE_RAD = 1.0 / LONGITUDE_UNITS_PER_RAD
-# A weight may be up to a quarter off the one that the board was built with.
+# A weight may be up to a quarter off the one in force.
 _LEAST_RATIO, _MOST_RATIO = 0.75, 1.25
 _LOW_WORD = 2.0**-23
 

@@ -22,6 +22,11 @@ boot:       LDI     0,DP
             LDI     511,RC
             RPTB    boot_clear
 boot_clear: STI     R0,*AR1++
+            LDI     @boot_onchip,AR1        ; a float is 0 in other bits than an integer
+            LDF     0.0,R0
+            LDI     KERNEL_CONSTANTS_AT-ONCHIP-1,RC
+            RPTB    boot_zero
+boot_zero:  STF     R0,*AR1++
             LDI     @boot_kernels,AR1
             LDI     @boot_kernels_to,AR2
             LDI     @boot_kernels_count,RC
@@ -44,6 +49,8 @@ boot_copy3: STI     R0,*AR2++
             LDI     DATA_PAGE,DP
             LDI     @period,R0
             STI     R0,@frame+DEADLINE_WORD
+            LDF     0.0,R0
+            STF     R0,@frame+HEIGHT_WORD
 
 ; A watchdog that has bitten says so, once.
             LDI     @watchdog_at,AR1
