@@ -12,16 +12,20 @@ from firmware_sim.jit import jit
 
 
 class Machine(NamedTuple):
-    """The arrays of ``Cpu.arrays``, by name: one argument for compiled code."""
+    """The arrays of ``Cpu.arrays``, by name, and the wait states of the port: one argument for compiled code.
+
+    ``stalls`` are these wait states again, for the processor alone: None without its pipeline.
+    """
 
     state: NDArray[np.void]
     registers: NDArray[np.int64]
     memory: NDArray[np.uint32]
     pages: NDArray[np.int32]
-    waits: NDArray[np.int8]
+    stalls: NDArray[np.int8] | None
     kinds: NDArray[np.uint8]
     decoded: NDArray[np.void]
     trail: NDArray[np.int64]
+    waits: NDArray[np.int8]
 
 
 @jit
@@ -32,7 +36,7 @@ def run_interpreter(machine: Machine, horizon: int) -> int:
         machine.registers,
         machine.memory,
         machine.pages,
-        machine.waits,
+        machine.stalls,
         machine.kinds,
         machine.decoded,
         machine.trail,

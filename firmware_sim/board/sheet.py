@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -170,7 +171,7 @@ class BoardSheet:
         """Cycles per second."""
         return self.processor.clkin_hz // 2
 
-    @property
+    @cached_property  # asked for in each tick
     def timer_period(self) -> int:
         """Period register of TIMER0 for the tick, in pulse mode (counts of H1/2)."""
         return round(exact(self.tick.period_s) * self.h1_hz / 2)
@@ -185,7 +186,7 @@ class BoardSheet:
         """Cycles of execution that the solver service may take."""
         return self.budget.nav_cycles or self.tick_cycles
 
-    @property
+    @cached_property
     def sample_oscillator(self) -> Oscillator:
         """The A/D's own oscillator, offset included."""
         return Oscillator.from_period(self.h1_hz / self.true_rate_hz)

@@ -63,7 +63,7 @@ class TargetProcessor:
         """
         self.sheet = sheet
         self.cpu = Cpu(memory_map(), has_pipeline=has_pipeline, disassemble=disassemble)
-        self.machine = Machine(*self.cpu.arrays)
+        self.machine = Machine(*self.cpu.arrays, self.cpu.memory.waits)
         self.peripherals = new_peripherals(sheet.h1_hz)
         self.services = Services(np.array([int(measure)]), *new_service_log())
         self.trace = Trace(

@@ -128,7 +128,7 @@ class Cpu:
             self.registers,
             self.memory.words,
             self.memory.pages,
-            self.memory.waits,
+            self.memory.waits if has_pipeline else None,
             self.memory.kinds,
             self.decoded,
             self.trail,
@@ -136,7 +136,6 @@ class Cpu:
         self.r = ExtendedRegisters(self.registers)
         self.reg = NamedRegisters(self.registers)
         self.breakpoints: set[int] = set()
-        self._has_pipeline = has_pipeline
         self._writable_words = memory_map.writable_words
         self._disassemble = disassemble
         self.reset()
@@ -152,7 +151,6 @@ class Cpu:
         self.state[:] = np.zeros(1, STATE)
         for field in _NOWHERE_AT_RESET:
             self.state[field] = NOWHERE
-        self.state["has_pipeline"] = self._has_pipeline
         self.state["writable_words"] = self._writable_words
         self.pc = self.memory[0]
 

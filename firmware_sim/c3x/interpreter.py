@@ -199,7 +199,6 @@ def interpret(
     reason = _RUNNING
     limit = 0
     is_using_supply = False
-    has_pipeline = s.has_pipeline != 0
     settled = 0
     while True:
         if cycles >= limit:
@@ -331,10 +330,10 @@ def interpret(
 
         trail[instructions & (TRAIL_LENGTH - 1)] = pc
         instructions += 1
-        if has_pipeline:
+        if waits is not None:
             cycles = decode_cycle(s, r, waits, row, pc, cycles)
             if mode != NO_ACCESS:
-                cycles += stall_cycles(s, waits, row, mode, address0, address1, cycles)
+                cycles += stall_cycles(s, waits, row, address0, address1, cycles)
                 settled = 0
             elif settled < SETTLED:
                 pass_without_access(s)

@@ -5,7 +5,8 @@
 - ``memory``: uint32, the words of all memory regions one after the other;
 - ``pages``: int32, for each page of ``PAGE_WORDS`` addresses the index in ``memory`` of its first word, or
   ``UNMAPPED_PAGE`` or ``DEVICE_PAGE``;
-- ``waits``: int8, for each page the wait states of the external port, or ``ON_CHIP``;
+- ``waits``: int8, for each page the wait states of the external port, or ``ON_CHIP``. In its place None stands for a
+  processor without a pipeline: an instruction takes its own cycles alone, and the loop is compiled without the stalls;
 - ``kinds``: uint8, for each word of memory what its instruction is, or ``UNDECODED``; writing a word resets it;
 - ``decoded``: the rest of each decoded instruction;
 - ``trail``: int64, a ring of the addresses of the last instructions;
@@ -86,7 +87,6 @@ STATE: Final = np.dtype(
         ("closed_since", np.int64),  # cycle in which GIE was cleared; NOWHERE while it is set, and until it first is
         ("closed_longest", np.int64),  # cycles of the longest stretch with GIE clear that has ended
         ("writable_words", np.int64),  # the words of ``memory`` behind these are read-only
-        ("has_pipeline", np.int64),  # 0: an instruction takes its own cycles alone
         # The pipeline: cycles from which on something is free again, and the cache; see ``pipeline``.
         *((name, np.int64) for name in ("pointers_free", "page_free", "stack_free")),
         *((name, np.int64) for name in ("port_for_fetch", "read_port_before", "write_port_before", "write_port")),

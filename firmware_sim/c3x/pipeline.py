@@ -141,30 +141,38 @@ def pass_without_access(s: Any) -> None:
 
 
 @inlined
-def stall_cycles(s: Any, waits: Any, row: Any, mode: int, address0: int, address1: int, decode: int) -> int:
+def stall_cycles(s: Any, waits: Any, row: Any, address0: int, address1: int, decode: int) -> int:
     """Cycles that the accesses to memory of an instruction, decoded at ``decode``, delay the next one."""
     read = decode + 1
     execute = decode + 2
     read_port = 0  # when the port is free of the reads; 0 without reads
     write_time = 0
     written_block, read_block, reads_of_block = _NONE_WRITTEN, _NONE_READ, 0
-    for access in range(2):
-        access_mode = mode if access == 0 else row.mode1
-        if access_mode == NO_ACCESS:
-            break
-        address = address0 if access == 0 else address1
-        transfer = row.transfer0 if access == 0 else row.transfer1
-        wait_states = waits[address >> PAGE_BITS]
-        block = address >> _BLOCK_BITS
-        if transfer == LOAD and wait_states == ON_CHIP:
-            reads_of_block = reads_of_block + 1 if block == read_block else 1
-            read_block = block
-        elif transfer == LOAD:
-            read_port = max(read, s.write_port, read_port) + 1 + wait_states
-        elif transfer == STORE and wait_states == ON_CHIP:
-            written_block = block
-        elif transfer == STORE:
-            write_time += _EXTERNAL_WRITE + wait_states
+    wait_states = waits[address0 >> PAGE_BITS]
+    if row.transfer0 == LOAD:
+        if wait_states == ON_CHIP:
+            read_block, reads_of_block = address0 >> _BLOCK_BITS, 1
+        else:
+            read_port = max(read, s.write_port) + 1 + wait_states
+    elif row.transfer0 == STORE:
+        if wait_states == ON_CHIP:
+            written_block = address0 >> _BLOCK_BITS
+        else:
+            write_time = _EXTERNAL_WRITE + wait_states
+    if row.mode1 != NO_ACCESS:
+        wait_states = waits[address1 >> PAGE_BITS]
+        block = address1 >> _BLOCK_BITS
+        if row.transfer1 == LOAD:
+            if wait_states == ON_CHIP:
+                reads_of_block = reads_of_block + 1 if block == read_block else 1
+                read_block = block
+            else:
+                read_port = max(read, s.write_port, read_port) + 1 + wait_states
+        elif row.transfer1 == STORE:
+            if wait_states == ON_CHIP:
+                written_block = block
+            else:
+                write_time += _EXTERNAL_WRITE + wait_states
     stall = max(0, read_port - execute)
     # The write of the instruction before comes in the same cycle as the reads of this one.
     accesses_of_block = reads_of_block + (s.written_block == read_block)

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from firmware_sim import bench_firmware
 from firmware_sim.bench import Flight, run
 from firmware_sim.board.adc import Converter
 from firmware_sim.board.line import FileLine
@@ -86,7 +87,7 @@ def bare_solver() -> None:
 
 
 def whole_run() -> None:
-    """A flight of ten minutes with frames on the line."""
+    """Flights with frames on the line: ten minutes, and five of machine code."""
     with tempfile.TemporaryDirectory() as folder:
 
         def fly(engine: str) -> None:
@@ -96,6 +97,13 @@ def whole_run() -> None:
         for engine, goal in (("c3x", "100 x real time"), ("double", "-")):
             seconds = median_s(lambda engine=engine: fly(engine))
             show(f"{engine}: run sway, 600 s, frames to a file", f"{600 / seconds:.0f} x real time", goal)
+
+        def fly_machine_code() -> None:
+            flight = Flight(load_scenario("sway"), BoardSheet(), "iss", 300.0)
+            bench_firmware.run(flight, open_line=lambda: FileLine(Path(folder) / "line.raw"))
+
+        seconds = median_s(fly_machine_code)
+        show("iss: run sway, 300 s, frames to a file", f"{300 / seconds:.0f} x real time", "50 x real time")
 
 
 def warm_start() -> None:
