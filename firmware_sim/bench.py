@@ -17,11 +17,12 @@ from firmware_sim.board.board import Board, Processor
 from firmware_sim.board.line import Line, NullLine, Pacer
 from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.errors import UsageError
+from firmware_sim.firmware.build import service_bounds
 from firmware_sim.firmware.native import NativeProcessor
-from firmware_sim.firmware.services import ADC_SERVICE, NAV_SERVICE, SERVICES, UART_SERVICE
+from firmware_sim.firmware.services import SERVICES
 from firmware_sim.firmware.solver import Solver
 from firmware_sim.firmware.start import Start
-from firmware_sim.firmware.stopwatch import times_of_service
+from firmware_sim.firmware.stopwatch import times_of_service, total_execution
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, Machine
 from firmware_sim.plant.scenario import Scenario
 from firmware_sim.plant.source import Block, Source
@@ -29,6 +30,7 @@ from firmware_sim.report import ANGLES, ErrorRecord, Report
 
 ENGINES = {"double": DOUBLE, "c3x": C3X}
 DEFAULT_DURATION_S = 60.0
+BOUND = "bound from the compiled code"
 # Virtual time between looks at line, progress and errors: free-running, and in step with a clock or a reader.
 _SLICE_S, _SLICE_IN_STEP_S = 1.0, 0.01
 _PROGRESS_S = 0.5
@@ -172,7 +174,7 @@ class _NativeRun(BoardRun):
         scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
         self.solver = Solver(ENGINES[flight.engine], scale, start)
         self.reference = None if flight.engine == "double" else Solver(DOUBLE, scale, start)
-        self.processor = NativeProcessor(self.sheet, self.solver, self._on_step)
+        self.processor = NativeProcessor(self.sheet, self.solver, self._on_step, service_bounds(self.sheet))
         solvers = [self.solver] if self.reference is None else [self.solver, self.reference]
         self.log = StepLog(solvers, self.source)
         self.vs_truth, self.vs_double = ErrorRecord(), ErrorRecord()
@@ -227,11 +229,13 @@ class _NativeRun(BoardRun):
             overruns=int(state["overruns"]) + max(0, ticks - int(state["tick"]) - int(state["in_tick"])),
             first_overrun=first_overrun,
             exceeded=exceeded,
-            timing_is="estimated",
+            timing_is=BOUND,
             timing={
-                SERVICES[service]: times_of_service(self.processor.watch[service])
-                for service in (NAV_SERVICE, ADC_SERVICE, UART_SERVICE)
+                SERVICES[service]: times_of_service(self.processor.watch[service], bound)
+                for service, bound in self.processor.bounds.items()
             },
+            cpu_load=total_execution(self.processor.watch) / self.board.now,
+            stack=None,
             interrupts_off_max_cycles=int(state["interrupts_off"]),
             adc={"samples": int(state["samples"]), "lost": int(state["lost"])},
             line={"sent": ledger.sent, "read": ledger.read, "held": ledger.held, "dropped": ledger.dropped},

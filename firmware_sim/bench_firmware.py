@@ -11,16 +11,24 @@ from numpy.typing import NDArray
 from firmware_sim.bench import Flight, StepLog, ignore, start_of
 from firmware_sim.bench_image import ImageRun
 from firmware_sim.board.adc import CHANNELS
+from firmware_sim.board.interrupts import INT0, INT1, TINT0
 from firmware_sim.board.line import Line, NullLine
+from firmware_sim.board.uart import FIFO_SIZE
+from firmware_sim.c3x.addressing import ADDRESS_MASK
 from firmware_sim.firmware.build import Firmware, build_firmware
 from firmware_sim.firmware.solver import Solver
 from firmware_sim.firmware.telemetry import NAVIGATE, offsets_of_navigation
+from firmware_sim.kernels.lower_c3x import ON_CHIP, ON_CHIP_WORDS
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE
 from firmware_sim.plant.source import Block
 from firmware_sim.report import ErrorRecord, Report
 
 if TYPE_CHECKING:
     from firmware_sim.value_changes import ValueChanges
+
+_PAINT = 0xA5C3_5A3C
+# Cycles after which the boot is over and the background waits for its first interrupt.
+_BOOTED = 20_000
 
 
 def run(
@@ -70,6 +78,7 @@ class FirmwareRun(ImageRun):
         self.reference = Solver(DOUBLE, scale, start)
         self.log = StepLog([TargetSolver(self), self.reference], self.source)
         self.vs_truth, self.vs_double = ErrorRecord(), ErrorRecord()
+        self._stack_first = self.firmware.address("stack")
         self._offsets = offsets_of_navigation(self.sheet)
         self._next_look = 2 * self.sheet.tick_cycles - 1
         self._seen = 0
@@ -78,6 +87,8 @@ class FirmwareRun(ImageRun):
     def _prepare(self) -> None:
         self.reference.compile()
         super()._prepare()
+        self.board.run(self.processor, _BOOTED)
+        self._paint_stack()
 
     def _next_block(self) -> Block | None:
         block = super()._next_block()
@@ -122,6 +133,28 @@ class FirmwareRun(ImageRun):
     def words(self, array: str, size: int) -> NDArray[np.int64]:
         """Words of an array that the kernels share with the firmware."""
         return self.variable(f"v_{array}", size)
+
+    def _bounds(self) -> dict[int, int]:
+        bounds = self.firmware.service_bounds
+        return {
+            TINT0: bounds.tick,
+            INT0: bounds.adc,
+            INT1: bounds.uart + FIFO_SIZE * bounds.uart_byte,
+        }
+
+    def _paint_stack(self) -> None:
+        """Mark the stack where the background does not use it, to see later how deep it has been."""
+        depth = (self.processor.cpu.reg["SP"] & ADDRESS_MASK) + 1 - self._stack_first
+        self._stack_words()[depth:] = _PAINT
+
+    def _stack_words(self) -> NDArray[np.uint32]:
+        memory = self.processor.cpu.memory
+        return memory.words[memory.index(self._stack_first) : memory.index(ON_CHIP + ON_CHIP_WORDS - 1) + 1]
+
+    def _stack(self) -> dict[str, int]:
+        words = self._stack_words()
+        used = np.flatnonzero(words != _PAINT)
+        return {"words": int(used[-1]) + 1 if len(used) else 0, "of": len(words)}
 
     def _dropped_frames(self) -> int:
         return self._dropped

@@ -143,6 +143,8 @@ class ImageRun(BoardRun):
             first_overrun=self.first_overrun,
             timing_is=self.timing_is,
             timing=self._timing(),
+            cpu_load=stopwatch.total_execution(self.watch) / self.board.now,
+            stack=self._stack(),
             interrupts_off_max_cycles=self.processor.interrupts_off_max_cycles,
             adc=self._samples(),
             line={"sent": ledger.sent, "read": ledger.read, "held": ledger.held, "dropped": ledger.dropped},
@@ -161,7 +163,16 @@ class ImageRun(BoardRun):
         served = [source.bit for source in SOURCES if self.watch[source.bit, stopwatch.EXECUTION].any()]
         bits = dict.fromkeys([*_ALWAYS_REPORTED, *served])
         names = {source.bit: source.name.lower() for source in SOURCES} | _NAMES
-        return {names[bit]: times_of_service(self.watch[bit]) for bit in bits}
+        bounds = self._bounds()
+        return {names[bit]: times_of_service(self.watch[bit], bounds.get(bit)) for bit in bits}
+
+    def _bounds(self) -> dict[int, int]:
+        """The most that the services' code allows, by interrupt, where that is known."""
+        return {}
+
+    def _stack(self) -> dict[str, int] | None:
+        """Words of the stack that were used, and how many there are, where the program's memory is known."""
+        return None
 
     def _samples(self) -> dict[str, int]:
         """Samples whose last channel was read in time, and those that were not; one may still wait."""

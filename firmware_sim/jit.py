@@ -13,6 +13,7 @@ import functools
 import hashlib
 import importlib.util
 import os
+import pickle
 import platform
 import re
 import shutil
@@ -124,6 +125,26 @@ def is_compiled(function: Any) -> bool:
     source = Path(function.py_func.__code__.co_filename)
     folder = CACHE_ROOT / _fingerprint(source)
     return bool(function.signatures) or any(folder.rglob(f"{source.stem}.{function.py_func.__name__}-*.nbi"))
+
+
+def remembered(name: str, key: str, module_file: str, make: Callable[[], Any]) -> Any:
+    """What ``make`` makes, or what it made for the same ``key`` and the same sources before: kept in the cache.
+
+    ``module_file`` is the file of the module that makes it; an edit of it or of what it imports makes it anew.
+    """
+    digest = hashlib.sha256(f"{_fingerprint(Path(module_file))} {key}".encode()).hexdigest()[:16]
+    path = CACHE_ROOT / "made" / f"{name}-{digest}.pickle"
+    try:
+        found = pickle.loads(path.read_bytes())
+        os.utime(path.parent)
+        return found
+    except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError):
+        made = make()
+    path.parent.mkdir(exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}")
+    partial.write_bytes(pickle.dumps(made))
+    partial.replace(path)
+    return made
 
 
 def import_generated(name: str, source: str) -> ModuleType:

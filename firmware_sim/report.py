@@ -132,6 +132,7 @@ class Report(dict[str, Any]):
             f" budget {self['budget_cycles']} cycles",
         ]
         rows += [self._timing_row(name) for name in self["timing"]]
+        rows.append(self._load_row())
         rows += [self._errors_row(name) for name in ("errors_vs_truth", "errors_vs_double") if self[name]]
         rows.append("A/D: {samples} samples, {lost} lost".format(**self["adc"]))
         if self["frames"] and self["frames"]["dropped"]:
@@ -141,10 +142,17 @@ class Report(dict[str, Any]):
 
     def _timing_row(self, name: str) -> str:
         times = self["timing"][name]
+        bound = f", bound {times['bound']}" if times["bound"] and times["bound"] != times["max"] else ""
         return (
             f"{name:>5} service: {times['count']} times, worst {times['max']} cycles, 99.9 % {times['p999']},"
-            f" median {times['median']} ({self['timing_is']})"
+            f" median {times['median']}{bound} ({self['timing_is']})"
         )
+
+    def _load_row(self) -> str:
+        """How busy the processor was, what room the tick had left, how deep the stack."""
+        response = self["timing"]["nav"]["response"]["max"]
+        row = f"load {self['cpu_load']:.1%}, worst response of the tick {response} of {self['tick_cycles']} cycles"
+        return f"{row}, stack {self['stack']['words']} of {self['stack']['of']} words" if self["stack"] else row
 
     def _errors_row(self, name: str) -> str:
         errors = self[name]

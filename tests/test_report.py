@@ -15,15 +15,15 @@ def state(lat=0.0, lon=0.0, velocity=(0.0, 0.0, 0.0), attitude=(0.0, 0.0, 0.0)):
 
 
 def report(**changes):
-    times = {"count": 5, "max": 9000, "p999": 8900, "median": 8000}
+    times = {"count": 5, "max": 9000, "p999": 8900, "median": 8000, "bound": 9500, "response": {"max": 12_000}}
     document = Report(
         engine="c3x", scenario="sway", seed=3, duration_s=10.0, wall_s=0.1, real_time_factor=100.0, nav_cycles=500,
         tick_cycles=500_000, budget_cycles=500_000, overruns=0, first_overrun=None, exceeded=None,
-        timing_is="estimated", frames={"dropped": 0},
+        timing_is="measured", frames={"dropped": 0},
         timing={"nav": times, "adc": times, "uart": times}, adc={"samples": 10_000, "lost": 0},
         line={"sent": 9, "read": 5, "held": 3, "dropped": 1},
         errors_vs_truth={name: {"end": 1.5, "max": 2.5} for name in ERROR_NAMES},
-        errors_vs_double=None,
+        errors_vs_double=None, cpu_load=0.0234, stack={"words": 40, "of": 200},
     )  # fmt: skip
     document.update(changes)
     return document
@@ -103,10 +103,11 @@ def test_a_report_that_cannot_be_written_is_one_sentence_and_leaves_nothing(tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 
-def test_the_table_says_what_is_estimated_and_leaves_out_what_was_not_compared():
+def test_the_table_says_what_is_measured_and_leaves_out_what_was_not_compared():
     table = report().table()
     assert "worst 9000 cycles" in table
-    assert "(estimated)" in table
+    assert "bound 9500 (measured)" in table
+    assert "load 2.3%, worst response of the tick 12000 of 500000 cycles, stack 40 of 200 words" in table
     assert "errors vs truth: 1.5 m (max 2.5)" in table
     assert "vs double" not in table
     assert "9 bytes sent = 5 read + 3 held + 1 dropped" in table

@@ -6,8 +6,9 @@ position) is in its parameters and constants, the services and kernels are the s
 
 from __future__ import annotations
 
+import functools
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -17,9 +18,13 @@ from firmware_sim.board.bus import DEVICES, MEMORY
 from firmware_sim.board.interrupts import BITS
 from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.c3x import floats
+from firmware_sim.c3x.bounds import Bounds
 from firmware_sim.firmware import telemetry
+from firmware_sim.firmware.bounds import ServiceBounds
 from firmware_sim.firmware.start import Start, interleaved, two_words
-from firmware_sim.kernels.language import Kernel
+from firmware_sim.jit import remembered
+from firmware_sim.kernels.expressions import ArrayType
+from firmware_sim.kernels.language import Kernel, KernelError
 from firmware_sim.kernels.lower_c3x import ON_CHIP, MachineProgram, compile_kernels
 from firmware_sim.nav.cycle import navigate
 from firmware_sim.nav.start import accept_scale, start_from_host
@@ -62,6 +67,13 @@ _SECTIONS: Final = {
 }
 
 
+# How often the loops of the assembly run whose counts are not in the code; what happens only in a cycle that is late
+# counts once: one tick was missed, one byte of a command comes with one transmission.
+_LIMITS: Final = {"whole_more": 2, "uart_next": 3, "adc_channel": 6, "scale_word": 6}
+
+_DEVICE_POINTERS: Final = ("adc_at", "uart_at", "timer0_at", "timer1_at", "watchdog_at")
+
+
 @dataclass(frozen=True)
 class Firmware:
     """The image, the kernels in it and the assembly that it was made of."""
@@ -69,10 +81,44 @@ class Firmware:
     image: AssembledImage
     kernels: MachineProgram
     source: str
+    longest_description: int
 
     def address(self, symbol: str) -> int:
         """The address of a label or of a variable."""
         return self.image.symbols[symbol].value
+
+    def bounds(
+        self, transmitted: int = 16, uart_passes: int = _LIMITS["uart_next"], without: Collection[str] = ()
+    ) -> Bounds:
+        """Bounds of the code, when a service transmits at most so many bytes at a time and asks the UART so often, and
+        the places named in ``without`` are not reached."""
+        words: dict[int, int] = {}
+        for section in self.image.sections.values():
+            words |= dict(enumerate(section.words, section.address))
+        limits = {
+            **self.kernels.loops,
+            **_LIMITS,
+            "uart_next": uart_passes,
+            "uart_last": transmitted,
+            "describe_byte": self.longest_description,
+            "send_word": telemetry.NAVIGATION_WORDS,
+            "notify_word": 2,
+        }
+        return Bounds(
+            lambda address: words[address],
+            {self.address(name): trips for name, trips in limits.items()},
+            without={self.address(name) for name in without},
+            slow={self.address(name) & 0xFFFF for name in _DEVICE_POINTERS},
+        )
+
+    @functools.cached_property
+    def service_bounds(self) -> ServiceBounds:
+        """The bounds of a tick without a command, of a sample while its sum cannot overflow, of a transmission."""
+        usual = self.bounds(without=("tick_obeys", "adc_bounded"))
+        tick, adc = (usual.of(self.address(name)) for name in ("tick_service", "adc_service"))
+        one, full = (self.bounds(count, 2).of(self.address("uart_service")) for count in (1, 16))
+        byte = (full - one) // 15
+        return ServiceBounds(tick, adc, one - byte, byte)
 
     @property
     def words(self) -> int:
@@ -80,15 +126,61 @@ class Firmware:
         return sum(section.size for section in self.image.sections.values())
 
 
-def build_firmware(sheet: BoardSheet, start: Start | None = None) -> Firmware:
+def build_firmware(sheet: BoardSheet, start: Start | None = None, extra: Kernel | None = None) -> Firmware:
     """Build the firmware for a board; without a ``start`` it waits for one from the host.
+
+    ``extra`` is a kernel of the user's that the tick calls behind the solver, with the solver's arrays that it names as
+    its parameters, and no others.
 
     Raises KernelError or UsageError for kernels that cannot be compiled.
     """
-    kernels = compile_kernels(KERNELS)
-    source = "\n".join([*_definitions(sheet, kernels), kernels.source, *_includes(), *_tables(sheet, start)]) + "\n"
+    if extra is not None:
+        _check_extra(extra)
+        return _build(sheet, start, extra)
+    key = f"{sheet} {start} {_assembly_text()}"
+    firmware: Firmware = remembered("firmware", key, __file__, lambda: _build(sheet, start, None))
+    return firmware
+
+
+def service_bounds(sheet: BoardSheet) -> ServiceBounds:
+    """The bounds of a board's services, kept from one run to the next."""
+    bounds: ServiceBounds = remembered(
+        "bounds", f"{sheet} {_assembly_text()}", __file__, lambda: build_firmware(sheet).service_bounds
+    )
+    return bounds
+
+
+def _assembly_text() -> str:
+    return "".join((ASSEMBLY / name).read_text(encoding="utf-8") for name in FILES)
+
+
+def _build(sheet: BoardSheet, start: Start | None, extra: Kernel | None) -> Firmware:
+    kernels = compile_kernels(KERNELS if extra is None else (*KERNELS, extra))
+    hook = _extra_macro("" if extra is None else kernels.labels[extra.typed.name])
+    parts = [*_definitions(sheet, kernels), *hook, kernels.source, *_includes(), *_tables(sheet, start)]
     addresses = {**_SECTIONS, "onchip": ON_CHIP + kernels.words_on_chip}
-    return Firmware(assemble(source, name="firmware", addresses=addresses, include_folders=[ASSEMBLY]), kernels, source)
+    source = "\n".join(parts) + "\n"
+    image = assemble(source, name="firmware", addresses=addresses, include_folders=[ASSEMBLY])
+    return Firmware(image, kernels, source, max(map(len, telemetry.descriptions(sheet))))
+
+
+def _check_extra(extra: Kernel) -> None:
+    """An extra kernel works on arrays of the solver alone. Raises KernelError."""
+    known = {name: kind for kernel in KERNELS for name, kind in kernel.typed.parameters}
+    typed = extra.typed
+    for name, kind in typed.parameters:
+        if not isinstance(kind, ArrayType) or known.get(name) != kind:
+            arrays = ", ".join(f"{name}: {kind}" for name, kind in known.items() if isinstance(kind, ArrayType))
+            raise KernelError(
+                typed.file, typed.line, typed.name, f"expected arrays of the solver ({arrays}), found {name}: {kind}"
+            )
+    if typed.results:
+        raise KernelError(typed.file, typed.line, typed.name, "expected a kernel without a result beside the solver")
+
+
+def _extra_macro(label: str) -> list[str]:
+    """What the tick does behind the solver."""
+    return ["EXTRA       .macro", *([f"            CALL    {label}"] if label else []), "            .endm"]
 
 
 def _includes() -> list[str]:
@@ -134,7 +226,7 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
         "NAVIGATION_TYPE": telemetry.NAVIGATION,
         "ANSWER_TYPE": telemetry.ANSWER,
         "EVENT_TYPE": telemetry.EVENT,
-        "FRAME_WORDS": table.layout.size // 4,
+        "FRAME_WORDS": telemetry.NAVIGATION_WORDS,
         "DESCRIPTIONS": schedule.descriptions,
         "DESCRIBE_TICKS": schedule.ticks,
         "LATE_TICKS": schedule.late_ticks,

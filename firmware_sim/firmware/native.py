@@ -1,7 +1,7 @@
 """The firmware as a native program: the same services and frames as the board's own, with kernels built by numba.
 
 The ``double`` and ``c3x`` engines run this program. What the target does in machine code is done here when a service
-begins or ends; the cycles between are *estimated* (see services.py).
+begins or ends; the cycles between are bounds from that machine code (see services.py).
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.board.timer import timer_write
 from firmware_sim.board.uart import uart_write
 from firmware_sim.firmware import telemetry
+from firmware_sim.firmware.bounds import ServiceBounds
 from firmware_sim.firmware.services import (
+    ADC_SERVICE,
     DESCRIPTION_SENT,
-    FRAME_BYTE_CYCLES,
     FRAME_SENT,
     LOST,
     N1,
+    NAV_SERVICE,
     REACHED,
     RING_SIZE,
     SERVICES,
@@ -31,7 +33,7 @@ from firmware_sim.firmware.services import (
     TAKEN_SIZE,
     TICK,
     TICK_BEGINS,
-    TICK_CYCLES,
+    UART_SERVICE,
     end_tick,
     new_state,
     run_services,
@@ -54,10 +56,10 @@ class NativeProcessor:
     of the last sample in it and the inputs of the step, so that a bench can keep a reference beside it.
     """
 
-    def __init__(self, sheet: BoardSheet, solver: Solver, on_step: Callable[..., None]) -> None:
+    def __init__(self, sheet: BoardSheet, solver: Solver, on_step: Callable[..., None], bounds: ServiceBounds) -> None:
         self.sheet = sheet
         self.solver = solver
-        self.state = new_state(max(1, round(sheet.samples_per_tick / 2)))
+        self.state = new_state(max(1, round(sheet.samples_per_tick / 2)), bounds)
         self.watch = new_stopwatch(len(SERVICES))
         self._on_step = on_step
         self._ring = np.zeros(RING_SIZE, np.uint8)
@@ -68,8 +70,12 @@ class NativeProcessor:
         self._descriptions = [np.frombuffer(frame, np.uint8) for frame in telemetry.descriptions(sheet)]
         self._next_description = 0
         self._schedule = telemetry.DescriptionClock(telemetry.DescriptionSchedule.of(sheet))
-        frame_bytes = self._table.layout.size + 8
-        self.nav_cycles = solver.estimated_cycles() + TICK_CYCLES + frame_bytes * FRAME_BYTE_CYCLES
+        self.nav_cycles = bounds.tick
+        self.bounds = {
+            NAV_SERVICE: bounds.tick,
+            ADC_SERVICE: bounds.adc,
+            UART_SERVICE: bounds.uart + uart.FIFO_SIZE * bounds.uart_byte,
+        }
         self.dropped_frames = 0
         self._was_dropped = False
         self._flags = 0

@@ -1,8 +1,8 @@
 """The interrupt services of the native program, and the processor model that schedules them.
 
-Until the firmware exists as machine code, a service acts on the devices' registers when it starts and then
-keeps the processor for its *estimated* cycles (COSTS). The scheduling is the real one: INT0, the UART and the
-stopwatch interrupt the tick's service, not each other; what waits is served by priority; devices go on meanwhile.
+A service acts on the devices' registers when it starts and then keeps the processor for as long as the machine code of
+the same service can take at most (``ServiceBounds``). The scheduling is the real one: INT0, the UART and the stopwatch
+interrupt the tick's service, not each other; what waits is served by priority; devices go on meanwhile.
 """
 
 from __future__ import annotations
@@ -15,14 +15,12 @@ from firmware_sim.board.adc import adc_read, adc_write
 from firmware_sim.board.board import Circuit, circuit_advance, circuit_next
 from firmware_sim.board.interrupts import INT0, INT1, TINT0, clear, next_source
 from firmware_sim.board.uart import uart_read, uart_write
+from firmware_sim.firmware.bounds import ServiceBounds
 from firmware_sim.firmware.stopwatch import EXECUTION, JITTER, RESPONSE, note
 from firmware_sim.jit import jit
 
-# Estimated cycles: of services without an assembly source yet. The solver's own come from kernels/estimate.py.
-ADC_CYCLES = 90
-UART_CYCLES, UART_BYTE_CYCLES = 40, 12
-SHORT_CYCLES = 20
-TICK_CYCLES, FRAME_BYTE_CYCLES = 120, 14
+# The wrap of the stopwatch, as the machine code takes it.
+_SHORT_CYCLES = 20
 
 _WORD = 0xFFFFFFFF
 _FULL_PART = 2**30
@@ -51,6 +49,10 @@ STATE = np.dtype(
         ("number", "i8"),  # of the last sample read
         ("samples", "i8"),
         ("lost", "i8"),
+        # what services take
+        ("adc_cycles", "i8"),
+        ("uart_cycles", "i8"),
+        ("uart_byte_cycles", "i8"),
         # tick
         ("services", "i8"),  # of the tick, begun
         ("tick", "i8"),  # number of the tick that the last one serves, from 1
@@ -75,9 +77,10 @@ STATE = np.dtype(
 )
 
 
-def new_state(first_part: int) -> NDArray[np.void]:
+def new_state(first_part: int, bounds: ServiceBounds) -> NDArray[np.void]:
     """The program's memory after boot, of shape (1,)."""
     state = np.zeros(1, STATE)
+    state["adc_cycles"], state["uart_cycles"], state["uart_byte_cycles"] = bounds.adc, bounds.uart, bounds.uart_byte
     state["first_part"] = first_part
     state["short"] = NO_SERVICE
     return state
@@ -110,14 +113,14 @@ def serve_adc(circuit: Circuit, state: NDArray[np.void]) -> int:
         if wanted != sums[part + channel]:
             status |= adc.SATURATED
     state[0].status |= status
-    return ADC_CYCLES
+    return state[0].adc_cycles
 
 
 @jit
 def serve_uart(circuit: Circuit, state: NDArray[np.void], ring: NDArray[np.uint8], now: int) -> int:
     """Serve the UART until nothing is pending: fill the transmit FIFO from the ring. Returns cycles."""
     device = circuit.uart
-    cycles = UART_CYCLES
+    cycles = state[0].uart_cycles
     while True:
         pending = uart_read(device, uart.IIR_FCR, now) & 0x0F
         if pending == uart.IIR_NONE:
@@ -130,12 +133,12 @@ def serve_uart(circuit: Circuit, state: NDArray[np.void], ring: NDArray[np.uint8
                 uart_write(device, uart.DATA, ring[state[0].ring_head], now)
                 state[0].ring_head = (state[0].ring_head + 1) % RING_SIZE
             state[0].ring_count -= count
-            cycles += count * UART_BYTE_CYCLES
+            cycles += count * state[0].uart_byte_cycles
         else:
             uart_read(device, uart.LSR, now)
             uart_read(device, uart.DATA, now)
             state[0].ignored += 1
-            cycles += UART_BYTE_CYCLES
+            cycles += state[0].uart_byte_cycles
 
 
 @jit
@@ -206,7 +209,7 @@ def _begin(
         state[0].tick_requested = requested
         note(watch[NAV_SERVICE, JITTER], now - requested)
         return
-    cycles = SHORT_CYCLES
+    cycles = _SHORT_CYCLES
     if bit == INT0:
         cycles = serve_adc(circuit, state)
         note(watch[ADC_SERVICE, JITTER], now - requested)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from firmware_sim.firmware.start import Start, interleaved, two_words
 from firmware_sim.jit import is_compiled
-from firmware_sim.kernels.estimate import estimated_cycles
 from firmware_sim.kernels.lower_numba import Machine, build
 from firmware_sim.nav.cycle import navigate
 from firmware_sim.nav.strapdown import initialise
@@ -46,11 +45,6 @@ class Solver:
         self._program.navigate.compile()
         # From here on without the checks of arguments from outside: they are this class's own.
         self._navigate = self._program.navigate.function
-
-    @staticmethod
-    def estimated_cycles() -> int:
-        """Estimated cycles of one step on the C3x, the same for every machine."""
-        return estimated_cycles(navigate.typed)
 
     def _initialise(self, start: Start) -> None:
         angles, angles_low = two_words([start.pitch_rad, start.roll_rad, start.azimuth_rad])

@@ -16,8 +16,10 @@ EXECUTION, RESPONSE, JITTER = range(3)
 
 # Bins: one for each cycle below 2048, then 1024 for each octave up to 2^40 cycles (12 hours).
 _EXACT, _PER_OCTAVE, _FIRST_OCTAVE, _LAST_OCTAVE = 2048, 1024, 11, 40
+_BARS = 50
 _BINS = _EXACT + (_LAST_OCTAVE - _FIRST_OCTAVE) * _PER_OCTAVE
-_MAXIMUM = _BINS  # the row's last element holds the exact maximum
+# Behind the bins: the exact maximum, and the sum of all times.
+_MAXIMUM, _TOTAL = _BINS, _BINS + 1
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Times:
 
 def new_stopwatch(services: int) -> NDArray[np.int64]:
     """Empty histograms, of shape (services, TIMES, bins)."""
-    return np.zeros((services, len(TIMES), _BINS + 1), np.int64)
+    return np.zeros((services, len(TIMES), _BINS + 2), np.int64)
 
 
 @jit
@@ -49,6 +51,7 @@ def note(histogram: NDArray[np.int64], cycles: int) -> None:
         index = _EXACT + (shift - 1) * _PER_OCTAVE + (index - _PER_OCTAVE)
     histogram[min(index, _BINS - 1)] += 1
     histogram[_MAXIMUM] = max(histogram[_MAXIMUM], cycles)
+    histogram[_TOTAL] += cycles
 
 
 def _largest_of_bin(index: int) -> int:
@@ -73,10 +76,27 @@ def times_of(histogram: NDArray[np.int64]) -> Times:
     return Times(count, maximum, quantile(0.999), quantile(0.5))
 
 
-def times_of_service(histograms: NDArray[np.int64]) -> dict[str, Any]:
-    """The times of one service (TIMES, bins) as reports have them: execution on top, the others below it."""
+def total_execution(histograms: NDArray[np.int64]) -> int:
+    """Cycles that all services (services, TIMES, bins) took in all."""
+    return int(histograms[:, EXECUTION, _TOTAL].sum())
+
+
+def _bars(histogram: NDArray[np.int64]) -> list[list[int]]:
+    """The times that occurred and how often, as [at most so many cycles, count], in at most _BARS of them."""
+    found = np.flatnonzero(histogram[:_BINS])
+    groups = np.array_split(found, _BARS) if len(found) > _BARS else [found[i : i + 1] for i in range(len(found))]
+    return [[_largest_of_bin(int(group[-1])), int(histogram[group].sum())] for group in groups]
+
+
+def times_of_service(histograms: NDArray[np.int64], bound: int | None = None) -> dict[str, Any]:
+    """The times of one service (TIMES, bins) as reports have them: execution on top, the others below it.
+
+    ``bound`` is the most that its code allows.
+    """
     return {
         **times_of(histograms[EXECUTION]).as_dict(),
+        "bound": bound,
+        "histogram": _bars(histograms[EXECUTION]),
         "response": times_of(histograms[RESPONSE]).as_dict(),
         "release_jitter": times_of(histograms[JITTER]).as_dict(),
     }

@@ -27,6 +27,9 @@ QUANTITY, FLAGS, ENUMERATION = 0, 1, 2
 # Field type -> (code on the line, format of struct). A C3x single travels as its memory word.
 _TYPES = {"u8": (1, "B"), "u16": (2, "H"), "u32": (3, "I"), "i32": (4, "i"), "single": (5, "I")}
 
+NAVIGATION_WORDS = 25
+"""The navigation frame's payload, of four bytes each."""
+
 MODES = ("standby", "coarse", "fine", "navigate")
 NAVIGATE = MODES.index("navigate")
 

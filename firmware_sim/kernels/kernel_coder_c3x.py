@@ -38,6 +38,7 @@ class KernelCoder:
         self._origin = Origin(kernel.file, kernel.line, kernel.name)
         self._lines: list[Line] = []
         self._cached: dict[str, Place] = {}
+        self.loops: dict[str, int] = {}  # label of a loop's first instruction, or of a block's last -> trips
 
     def code(self) -> tuple[Line, ...]:
         """The instructions of the kernel, from its entry to its return."""
@@ -139,6 +140,7 @@ class KernelCoder:
     def _counted_loop(self, loop: Loop, live: Live) -> None:
         """A loop whose body itself calls or loops: the count is in memory."""
         top, counter, origin = self._new_label(), self.take_spill(1), loop.origin
+        self.loops[top] = loop.trips
         register = Register("R0")
         self._lines.append(Instruction("LDI", (self._integer(loop.trips, origin), register), origin))
         self._lines.append(Instruction("STI", (register, counter), origin))
@@ -156,6 +158,7 @@ class KernelCoder:
     def _repeated_block(self, loop: Loop, live: Live) -> None:
         """RPTB: the block repeats itself at no cost; the addresses of its arrays are loaded before."""
         last = self._new_label()
+        self.loops[last] = loop.trips
         pointers = self._array_pointers(loop)
         for pointer, (symbol, offset) in pointers.items():
             self._lines.append(Instruction("LDI", (self.pools.address(symbol, offset), Register(pointer)), loop.origin))

@@ -50,7 +50,8 @@ class MachineProgram:
     ``labels`` gives the entry of each kernel by its name, ``arrays`` the address of each array of a root by the names
     of both.
     ``constants`` words are to be copied from the label ``kernel_constants`` to ``constants_at`` before the first call.
-    ``code`` are the instructions of each kernel, ``words_on_chip`` the memory of all data.
+    ``code`` are the instructions of each kernel, ``loops`` says by label how often a loop runs, ``words_on_chip`` is
+    the memory of all data.
     """
 
     source: str
@@ -60,6 +61,7 @@ class MachineProgram:
     constants_at: int
     words_on_chip: int
     code: Mapping[str, tuple[Line, ...]]
+    loops: Mapping[str, int]
 
 
 def compile_kernels(
@@ -127,11 +129,13 @@ class _ProgramWriter:
         self._roots = roots
         self._pools = Pools(roots)
         self._frames: dict[TypedKernel, Frame] = {}
+        self._loops: dict[str, int] = {}
         self._code: dict[str, tuple[Line, ...]] = {}
         for kernel in self._kept:
             if kernel not in outside:
                 coder = KernelCoder(kernel, self._names[kernel], self._called, self._pools, self._label)
                 self._code[self._names[kernel]] = coder.code()
+                self._loops |= coder.loops
                 self._frames[kernel] = coder.frame
         self._place_frames()
 
@@ -188,6 +192,7 @@ class _ProgramWriter:
             constants_at=constants_at,
             words_on_chip=total,
             code=self._code,
+            loops=self._loops,
         )
 
     def _data_text(self) -> list[str]:

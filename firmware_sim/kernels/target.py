@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_sim.c3x.bounds import Bounds
 from firmware_sim.c3x.cpu import Cpu
 from firmware_sim.c3x.machine import Reason
 from firmware_sim.kernels.expressions import ArrayType, Scalar, TypedKernel
@@ -17,10 +18,11 @@ from firmware_sim.kernels.lower_c3x import MachineProgram, compile_kernels
 from firmware_sim.kernels.machines import C3X
 from firmware_sim.toolchain.assembler import AssembledImage, assemble
 
-_STACK: Final = 0x001000
+_STACK: Final = 0x87FFE0
 _CODE_AT: Final = 0x010000
 _CONSTANTS_AT: Final = 0x008000
 _DATA_AT: Final = 0x87FE00
+_DATA_WORDS: Final = _STACK - _DATA_AT
 _DATA_PAGE: Final = 0x87
 _RETURN_TO: Final = 0x000100
 _LONGEST_CALL: Final = 100_000_000
@@ -38,6 +40,11 @@ class TargetKernel:
         self._kernel = kernel
         self._entry = program.image.symbols[program.code.labels[kernel.name]].value
         self.cycles = 0
+
+    @property
+    def bound(self) -> int:
+        """The most cycles that a call can take, from the code alone (see ``c3x.bounds``)."""
+        return self._program.bounds.of(self._entry)
 
     def __call__(self, *arguments: Any) -> Any:
         cpu, kernel = self._program.cpu, self._kernel
@@ -78,7 +85,7 @@ class TargetProgram:
 
     machine: Final = C3X
 
-    def __init__(self, kernels: Sequence[Kernel], *, has_pipeline: bool = True, data_words: int = 512) -> None:
+    def __init__(self, kernels: Sequence[Kernel], *, has_pipeline: bool = True, data_words: int = _DATA_WORDS) -> None:
         """Raises KernelError where a kernel leaves the language, UsageError where its data do not fit."""
         self.code: MachineProgram = compile_kernels(kernels, first=_DATA_AT, words=data_words)
         self.image: AssembledImage = assemble(
@@ -91,6 +98,8 @@ class TargetProgram:
         first = self.image.symbols["kernel_constants"].value
         for number in range(self.code.constants):
             self.cpu.memory[self.code.constants_at + number] = self.cpu.memory[first + number]
+        limits = {self.image.symbols[label].value: trips for label, trips in self.code.loops.items()}
+        self.bounds = Bounds(lambda address: self.cpu.memory[address], limits)
         self.cpu.add_breakpoint(_RETURN_TO)
         self._kernels: dict[str, TargetKernel] = {}
         for kernel in kernels:

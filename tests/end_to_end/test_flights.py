@@ -144,7 +144,7 @@ def test_a_budget_below_the_estimate_is_exceeded_in_the_first_cycle(tmp_path):
 
 
 def test_a_processor_that_is_too_slow_is_late_and_says_by_how_much():
-    # 20,000 cycles a tick: the solver's 10,000 and more estimated ones do not fit beside seven samples a millisecond.
+    # 20,000 cycles a tick: the solver's 6,700 do not fit beside fourteen samples of more than 100 a millisecond.
     sheet = BoardSheet(processor=ProcessorSheet(clkin_hz=2_000_000), adc=AdcSheet(rate_hz=7000.0))
     report = flown(load_scenario("static"), 2.0, sheet=sheet)
     assert report["overruns"] > 10

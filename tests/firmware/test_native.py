@@ -7,8 +7,9 @@ from firmware_sim.board.adc import MISSING, SAMPLE, SATURATED
 from firmware_sim.board.board import Board
 from firmware_sim.board.sheet import AdcSheet, BoardSheet, ProcessorSheet, TickSheet, UartSheet
 from firmware_sim.firmware import telemetry
+from firmware_sim.firmware.bounds import ServiceBounds
 from firmware_sim.firmware.native import NativeProcessor
-from firmware_sim.firmware.services import ADC_CYCLES, ADC_SERVICE, NAV_SERVICE, RING_SIZE, UART_SERVICE
+from firmware_sim.firmware.services import ADC_SERVICE, NAV_SERVICE, RING_SIZE, UART_SERVICE
 from firmware_sim.firmware.stopwatch import EXECUTION, JITTER, RESPONSE, times_of
 from host.stream import Stream
 
@@ -21,9 +22,6 @@ class RememberingSolver:
         self.flags = 0
         self.latitude, self.longitude = 123, -456
         self.steps = []
-
-    def estimated_cycles(self):
-        return self.cycles
 
     def step(self, sums, n1, n2, height_mm, climb_mmps):
         self.steps.append((sums.copy(), n1, n2, height_mm, climb_mmps))
@@ -40,10 +38,17 @@ def samples(count, seed=1):
     return block
 
 
+ADC_CYCLES = 90
+
+
+def _bounds(cycles):
+    return ServiceBounds(tick=cycles, adc=ADC_CYCLES, uart=40, uart_byte=12)
+
+
 def fly(sheet, block, ticks, cycles=5000):
     """Run ``ticks`` ticks to just before the next; gives processor, solver, numbers of samples and the line's bytes."""
     board, solver, numbers = Board(sheet), RememberingSolver(cycles), []
-    processor = NativeProcessor(sheet, solver, lambda number, *_: numbers.append(number))
+    processor = NativeProcessor(sheet, solver, lambda number, *_: numbers.append(number), _bounds(cycles))
     board.load_samples(block)
     board.run(processor, (ticks + 1) * sheet.tick_cycles - 1)
     return processor, solver, numbers, board.take_output()
@@ -215,7 +220,7 @@ def test_a_run_may_be_cut_anywhere():
     sheet, block = BoardSheet(), samples(300)
     _, _, _, whole = fly(sheet, block, 10)
     board = Board(sheet)
-    processor = NativeProcessor(sheet, RememberingSolver(), lambda *_: None)
+    processor = NativeProcessor(sheet, RememberingSolver(), lambda *_: None, _bounds(5000))
     board.load_samples(block)
     end, pieces = 11 * sheet.tick_cycles - 1, b""
     while board.now < end:
@@ -228,7 +233,7 @@ def test_two_boards_do_not_disturb_each_other():
     sheet, block = BoardSheet(), samples(300)
     _, _, _, alone = fly(sheet, block, 10)
     boards = [Board(sheet), Board(sheet)]
-    processors = [NativeProcessor(sheet, RememberingSolver(), lambda *_: None) for _ in boards]
+    processors = [NativeProcessor(sheet, RememberingSolver(), lambda *_: None, _bounds(5000)) for _ in boards]
     sent = [b"", b""]
     for board, other in zip(boards, (block, samples(300, seed=2)), strict=True):
         board.load_samples(other)
@@ -254,7 +259,7 @@ def test_sums_that_outgrow_their_word_saturate_and_say_so():
 def test_the_sample_number_wraps_without_a_loss():
     sheet = BoardSheet()
     board = Board(sheet)
-    processor = NativeProcessor(sheet, RememberingSolver(), lambda *_: None)
+    processor = NativeProcessor(sheet, RememberingSolver(), lambda *_: None, _bounds(5000))
     near_the_end = 2**31 - 100
     board.circuit.adc["number"] = near_the_end
     processor.state["number"] = near_the_end

@@ -74,6 +74,7 @@ def test_machine_code_is_the_c3x_build_bit_by_bit(kernels, reference, setting, m
             expected, found = (_copied(random_arguments(source_copy)) for source_copy in _twins(source))
             results = [getattr(reference, kernel.__name__)(*expected), target(*found)]
             assert results[0] == results[1], kernel.__name__
+            assert target.cycles <= target.bound, kernel.__name__
             for before, after in zip(expected, found, strict=True):
                 np.testing.assert_array_equal(before, after, err_msg=kernel.__name__)
 

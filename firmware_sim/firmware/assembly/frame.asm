@@ -68,8 +68,44 @@ report:     LDI     @timer1_at,AR0
             CMPI    LATE_TICKS,R0
             BLT     report_frame
             CALL    describe
-
+            CALL    send_navigation
+            B       report_events
 report_frame:
+            CALL    send_navigation
+            LDI     @due_words,R0
+            CMPI    DESCRIBE_TICKS,R0
+            BLT     report_events
+            LDI     @described,AR4
+            LDI     *AR4,R0
+            CMPI    @credit,R0
+            BGT     report_events
+            CALL    describe
+
+; Beside them one short frame a tick: an event, or the answer to a command.
+report_events:
+            LDI     @event,R0
+            CMPI    @event_sent,R0
+            BEQ     report_answer
+            STI     R0,@event_sent
+            LDI     @event_at,AR4
+            LDI     EVENT_TYPE,R4
+            B       report_notice
+report_answer:
+            LDI     @has_answer,R0
+            BZ      report_end
+            LDI     0,R0
+            STI     R0,@has_answer
+            LDI     @answer_at,AR4
+            LDI     ANSWER_TYPE,R4
+report_notice:
+            LDI     2,R5
+            CALL    notify
+report_end: LDI     @uart_at,AR0
+            LDI     3,R0                    ; let the transmitter ask for bytes
+            STI     R0,*+AR0(1)
+            RETS
+
+send_navigation:
             LDI     @frame_at,AR4
             LDI     NAVIGATION_TYPE,R4
             LDI     FRAME_WORDS,R5
@@ -79,38 +115,6 @@ report_frame:
             LDI     @frame,R0               ; the sequence counts frames that were dropped too
             ADDI    1,R0
             STI     R0,@frame
-            LDI     @due_words,R0
-            CMPI    DESCRIBE_TICKS,R0
-            BLT     report_events
-            LDI     @waited,R0
-            BZ      report_events           ; one has gone before the frame
-            LDI     @described,AR4
-            LDI     *AR4,R0
-            CMPI    @credit,R0
-            BGT     report_events
-            CALL    describe
-
-report_events:
-            LDI     @event,R0
-            CMPI    @event_sent,R0
-            BEQ     report_answer
-            STI     R0,@event_sent
-            LDI     @event_at,AR4
-            LDI     EVENT_TYPE,R4
-            LDI     2,R5
-            CALL    send
-report_answer:
-            LDI     @has_answer,R0
-            BZ      report_end
-            LDI     0,R0
-            STI     R0,@has_answer
-            LDI     @answer_at,AR4
-            LDI     ANSWER_TYPE,R4
-            LDI     2,R5
-            CALL    send
-report_end: LDI     @uart_at,AR0
-            LDI     3,R0                    ; let the transmitter ask for bytes
-            STI     R0,*+AR0(1)
             RETS
 
 ; The next description goes to the ring, if there is room: a length, and as many bytes. A length of 0 ends the list.
@@ -160,11 +164,13 @@ BYTE        .macro
             XOR     *+AR3(IR0),R7
             .endm
 
-; The frame of type R4 with R5 words from AR4 on. R0 is 1 when it went to the ring, and 0 when there was no room.
-send:       LSH     2,R5                    ; in bytes
+; A routine that sends the frame of type R4 with R5 words from AR4 on. R0 is 1 when it went to the ring, and 0 when
+; there was no room.
+SENDER      .macro  name
+:name:      LSH     2,R5                    ; in bytes
             ADDI    8,R5
             CALL    room
-            BLT     send_dropped
+            BLT     dropped?
             LDI     @tx_tail,AR2
             LDI     @crc_at,AR3
             SUBI    8,R5
@@ -182,7 +188,7 @@ send:       LSH     2,R5                    ; in bytes
             LSH     -2,R5
             LDI     R5,RC
             SUBI    1,RC
-            RPTB    send_word
+            RPTB    :name:_word
             LDI     *AR4++,R1
             BYTE
             BYTE
@@ -193,7 +199,7 @@ send:       LSH     2,R5                    ; in bytes
             AND3    R6,R0,IR0
             LSH     -8,R7
             NOP
-send_word:  XOR     *+AR3(IR0),R7
+:name:_word: XOR    *+AR3(IR0),R7
             NOT     R7,R1
             .loop   4
             AND3    R6,R1,R0
@@ -203,6 +209,9 @@ send_word:  XOR     *+AR3(IR0),R7
             STI     AR2,@tx_tail
             LDI     1,R0
             RETS
-send_dropped:
-            LDI     0,R0
+dropped?:   LDI     0,R0
             RETS
+            .endm
+
+            SENDER  send                    ; the navigation frame
+            SENDER  notify                  ; short ones

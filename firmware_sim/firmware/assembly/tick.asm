@@ -107,6 +107,7 @@ tick_latch: STI     R0,*AR2++
             STF     R1,@frame+HEIGHT_WORD
             STI     R2,@frame+LATITUDE_WORD
             STI     R3,@frame+LONGITUDE_WORD
+            EXTRA                           ; a kernel of the user's, if there is one
 
 tick_report:
             CALL    report
@@ -128,7 +129,7 @@ tick_report:
             STI     R0,@rx_seen
             LDI     @is_ready,R0
             BZ      tick_end
-            CALL    obey
+tick_obeys: CALL    obey
 tick_end:   ANDN    2000h,ST
             OR      TICK_SOURCE,IE
             RESTORE
