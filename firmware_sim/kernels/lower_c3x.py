@@ -24,6 +24,7 @@ from firmware_sim.kernels.expressions import (
     Call,
     For,
     Invoke,
+    Scalar,
     TypedKernel,
     Unary,
     callees,
@@ -31,9 +32,9 @@ from firmware_sim.kernels.expressions import (
     nodes,
     unique_names,
 )
-from firmware_sim.kernels.flatten import can_be_called
+from firmware_sim.kernels.flatten import REGISTERS, can_be_called
 from firmware_sim.kernels.kernel_coder_c3x import KernelCoder
-from firmware_sim.kernels.language import Kernel
+from firmware_sim.kernels.language import Kernel, KernelError
 from firmware_sim.kernels.memory_c3x import Frame, Pools, symbol_of, word_of
 from firmware_sim.kernels.text_c3x import text_of
 
@@ -74,8 +75,8 @@ def compile_kernels(
     """Compile ``kernels`` and all that they call; their data go to ``words`` words from address ``first`` on.
 
     ``replaced`` gives labels of assembly routines that stand for kernels, by the kernels' names (module_function).
-    Raises KernelError where a kernel leaves the language or the machine cannot hold a constant, UsageError when the
-    data do not fit.
+    Raises KernelError where a kernel leaves the language, the machine cannot hold a constant or the registers cannot
+    pass its scalars; UsageError when the data do not fit.
     """
     writer = _ProgramWriter([kernel.typed for kernel in kernels], replaced or {})
     return writer.write(first, words)
@@ -116,12 +117,35 @@ def _called_kernels(roots: Sequence[TypedKernel]) -> frozenset[TypedKernel]:
     )
 
 
+def _check_scalars(kernel: TypedKernel) -> None:
+    """Raises KernelError when the registers of the calling convention do not suffice."""
+    parameters = sum(isinstance(kind, Scalar) for _, kind in kernel.parameters)
+    for count, what in ((parameters, "scalar parameters"), (len(kernel.results), "results")):
+        if count > REGISTERS:
+            message = f"machine code takes and gives at most {REGISTERS} scalars, found {count} {what}"
+            raise KernelError(kernel.file, kernel.line, kernel.name, message)
+
+
+def _check_replaced(replaced: Mapping[str, str], found: frozenset[TypedKernel]) -> None:
+    """Raises UsageError for a name that no kernel has, KernelError for one that no routine can stand for."""
+    unknown = set(replaced) - {kernel.name for kernel in found}
+    if unknown:
+        raise UsageError(f"replaced: the names of kernels were expected (module_function), found {min(unknown)}")
+    for kernel in found:
+        if not can_be_called(kernel):
+            message = f"a routine stands only for a kernel with at most {REGISTERS} scalars, no arrays"
+            raise KernelError(kernel.file, kernel.line, kernel.name, message)
+
+
 class _ProgramWriter:
     """Codes the kernels of a program one by one, and places what they need."""
 
     def __init__(self, roots: list[TypedKernel], replaced: Mapping[str, str]) -> None:
         everything = in_build_order(roots)
         outside = frozenset(kernel for kernel in everything if kernel.name in replaced)
+        _check_replaced(replaced, outside)
+        for root in roots:
+            _check_scalars(root)
         self._replaced = replaced
         self._called = _called_kernels(roots) | outside
         self._kept = [kernel for kernel in everything if kernel in self._called or kernel in roots]

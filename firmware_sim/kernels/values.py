@@ -149,7 +149,7 @@ class RunBuilder:
         """The run, when ``live`` is what is read behind it."""
         ending = [self._end] if hasattr(self, "_end") else []
         stores = [
-            Item("store", origin, (self._in_register(self._current[place]),), place)
+            Item("store", origin, (self._in_register(self._current[place], origin),), place)
             for place, origin in self._dirty.items()
             if place in live and not self._is_home(self._current[place], place)
         ]
@@ -182,12 +182,13 @@ class RunBuilder:
         for place in [place for place in self._dirty if place[0] == array]:
             value, origin = self._current[place], self._dirty.pop(place)
             if not self._is_home(value, place):
-                self._items.append(Item("store", origin, (self._in_register(value),), place))
+                self._items.append(Item("store", origin, (self._in_register(value, origin),), place))
 
-    def _in_register(self, value: Value) -> Value:
+    def _in_register(self, value: Value, origin: Origin) -> Value:
         """What is stored must pass a register, before any store of the run may overwrite where it comes from."""
         if value.op != "slot":
             return value
+        self._origin = origin
         return self._unique("move", value.kind, (value,), is_single=value.is_single)
 
     # -- values
