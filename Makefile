@@ -5,13 +5,17 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test nightly lint bench clean
 
 demo: $(INSTALLED)
 	$(BIN)/python examples/demo.py
 
 test: lint
 	$(BIN)/pytest
+
+# A million random trials of each kernel, machine code against the c3x build.
+nightly: $(INSTALLED)
+	FIRMWARE_SIM_TRIALS=1000000 $(BIN)/pytest tests/nav/test_machine_code.py
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check
