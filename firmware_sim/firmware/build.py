@@ -30,6 +30,7 @@ from firmware_sim.nav.cycle import navigate
 from firmware_sim.nav.start import accept_scale, start_from_host
 from firmware_sim.nav.strapdown import initialise
 from firmware_sim.toolchain.assembler import AssembledImage, assemble
+from firmware_sim.toolchain.image import Symbol
 
 ASSEMBLY: Final = Path(__file__).parent / "assembly"
 KERNELS: Final[tuple[Kernel, ...]] = (navigate, initialise, start_from_host, accept_scale)
@@ -313,11 +314,12 @@ def map_of(firmware: Firmware) -> str:
     lines = [f"{firmware.words} words in all", "", "address  words  section"]
     lines += [f"{section.address:06X}  {section.size:>6}  {section.name}" for section in sections]
     lines += ["", "address  symbol"]
-    symbols = [symbol for symbol in firmware.image.symbols.values() if _is_placed(symbol.value)]
+    symbols = [symbol for symbol in firmware.image.symbols.values() if _is_placed(symbol)]
     lines += [f"{symbol.value:06X}   {symbol.name}" for symbol in sorted(symbols, key=lambda s: (s.value, s.name))]
     return "\n".join(lines) + "\n"
 
 
-def _is_placed(value: int) -> bool:
-    """Whether a symbol is an address of memory and not just a small number."""
-    return any(window.first <= value <= window.last for window in MEMORY) and value >= _SECTIONS["boot"]
+def _is_placed(symbol: Symbol) -> bool:
+    """Whether a symbol is an address and not a number: a label, or a variable of the kernels, which are on chip."""
+    on_chip = next(window for window in MEMORY if window.name == "on-chip RAM")
+    return symbol.section is not None or on_chip.first <= symbol.value <= on_chip.last

@@ -9,7 +9,7 @@ import pytest
 
 from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.firmware import build
-from firmware_sim.firmware.build import Firmware, build_firmware
+from firmware_sim.firmware.build import Firmware, build_firmware, map_of
 from tests.firmware.conftest import START
 
 PAGE = (Path(__file__).parents[2] / "docs" / "firmware.md").read_text()
@@ -32,3 +32,9 @@ def test_the_page_names_every_file_and_every_service(firmware: Firmware) -> None
     for name in [*build.SERVICES, *services]:
         assert f"| `{name}` |" in PAGE
         assert name in firmware.image.symbols
+
+
+def test_the_map_lists_labels_and_variables_and_no_numbers(firmware: Firmware) -> None:
+    symbols = {line.split()[1] for line in map_of(firmware).split("address  symbol\n")[1].splitlines()}
+    assert {"boot", "tick_service", "k_cycle_navigate", "v_scale", "tx_ring", "frame", "stack"} <= symbols
+    assert not symbols & {"POWER_FLAG", "WATCHDOG_FLAG", "MOST_CREDIT", "RING", "PERIOD"}
