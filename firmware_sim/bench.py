@@ -65,7 +65,7 @@ def run(
 
     Raises UsageError for what cannot be run.
     """
-    return _NativeRun(flight, open_line, progress or ignore, announce or ignore).fly()
+    return NativeRun(flight, open_line, progress or ignore, announce or ignore).fly()
 
 
 def ignore(*_: Any) -> None:
@@ -155,7 +155,7 @@ class BoardRun(ABC):
             self.line.idle(_IDLE_S)
 
 
-class _NativeRun(BoardRun):
+class NativeRun(BoardRun):
     """A flight of the native firmware, with a double solver beside it."""
 
     processor: NativeProcessor
@@ -234,6 +234,7 @@ class _NativeRun(BoardRun):
                 SERVICES[service]: times_of_service(self.processor.watch[service], bound)
                 for service, bound in self.processor.bounds.items()
             },
+            worst_nav_cycle=None,
             cpu_load=total_execution(self.processor.watch) / self.board.now,
             stack=None,
             interrupts_off_max_cycles=int(state["interrupts_off"]),

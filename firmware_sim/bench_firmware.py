@@ -13,11 +13,16 @@ from firmware_sim.bench_image import ImageRun
 from firmware_sim.board.adc import CHANNELS
 from firmware_sim.board.interrupts import INT0, INT1, TINT0
 from firmware_sim.board.line import Line, NullLine
+from firmware_sim.board.service_log import ENDED, STARTED
 from firmware_sim.board.uart import FIFO_SIZE
 from firmware_sim.c3x.addressing import ADDRESS_MASK
+from firmware_sim.errors import UsageError
 from firmware_sim.firmware.build import Firmware, build_firmware
+from firmware_sim.firmware.code_map import CodeMap
+from firmware_sim.firmware.profile import Profile, profile_of
 from firmware_sim.firmware.solver import Solver
 from firmware_sim.firmware.telemetry import NAVIGATE, offsets_of_navigation
+from firmware_sim.kernels.language import Kernel
 from firmware_sim.kernels.lower_c3x import ON_CHIP, ON_CHIP_WORDS
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE
 from firmware_sim.plant.source import Block
@@ -37,17 +42,41 @@ def run(
     has_pipeline: bool = True,
     trace: TextIO | None = None,
     changes: ValueChanges | None = None,
+    extra: Kernel | None = None,
     open_line: Callable[[], Line] = NullLine,
     progress: Callable[[float, float], None] | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Report:
-    """Build the firmware for a flight's board and start, and run it. As ``bench_image.run``."""
+    """Build the firmware for a flight's board and start, and run it. As ``bench_image.run``.
+
+    ``extra`` is a kernel that runs behind the solver in every tick (see ``build_firmware``).
+    """
     flown = FirmwareRun(flight, open_line, progress or ignore, announce or ignore)
-    flown.start(has_pipeline, trace, changes)
+    flown.start(has_pipeline, trace, changes, extra)
     report = flown.fly()
     if changes:
         changes.end(flown.board.now)
     return report
+
+
+def profile(
+    flight: Flight,
+    nav_cycle: int | None = None,
+    *,
+    extra: Kernel | None = None,
+    progress: Callable[[float, float], None] | None = None,
+    announce: Callable[[str], None] | None = None,
+) -> Profile:
+    """Where the cycles of one service of the tick go, counted from 1; without a number, of the longest of the flight.
+
+    The flight is flown again up to there, instruction by instruction in that tick. Raises UsageError for a navigation
+    cycle that the flight does not have.
+    """
+    if nav_cycle is None:
+        report = run(flight, extra=extra, progress=progress, announce=announce)
+        nav_cycle = report["worst_nav_cycle"]
+    traced = _TracedRun(flight, NullLine, progress or ignore, announce or ignore)
+    return traced.profile(nav_cycle, extra)
 
 
 class TargetSolver:
@@ -69,10 +98,16 @@ class FirmwareRun(ImageRun):
 
     firmware: Firmware
 
-    def start(self, has_pipeline: bool, trace: TextIO | None, changes: ValueChanges | None) -> None:
+    def start(
+        self,
+        has_pipeline: bool = True,
+        trace: TextIO | None = None,
+        changes: ValueChanges | None = None,
+        extra: Kernel | None = None,
+    ) -> None:
         """Build the firmware and put it into the board."""
         start = start_of(self.source, self.flight.scenario.name)
-        self.firmware = build_firmware(self.sheet, start)
+        self.firmware = build_firmware(self.sheet, start, extra)
         self.load(self.firmware.image, "the board's firmware", has_pipeline, trace, changes)
         scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
         self.reference = Solver(DOUBLE, scale, start)
@@ -158,6 +193,43 @@ class FirmwareRun(ImageRun):
 
     def _dropped_frames(self) -> int:
         return self._dropped
+
+
+class _TracedRun(FirmwareRun):
+    """A flight that is followed instruction by instruction in one tick."""
+
+    def profile(self, nav_cycle: int, extra: Kernel | None) -> Profile:
+        """Fly up to the end of a navigation cycle; gives where its cycles went, with the services that came between."""
+        self._rows: list[NDArray[np.int64]] = []
+        self.start(extra=extra)
+        self.line = self._open_line()
+        self._prepare()
+        tick = self.sheet.tick_cycles
+        ticks = max(1, round(self.duration_s * self.sheet.h1_hz / tick))
+        while self.ticks < nav_cycle - 1 and self.board.now < ticks * tick:
+            self._run_slice(self.board.now + tick - (self.board.now + 1) % tick)
+            self.board.take_output()
+        if self.ticks != nav_cycle - 1 or self.board.now >= (ticks + 1) * tick - 1:
+            raise UsageError(
+                f"{self.flight.scenario.name}: expected a navigation cycle from 1 to {ticks}, found {nav_cycle}"
+            )
+        self._follow(tick)
+        began, ended = self._service
+        rows = np.concatenate(self._rows)
+        rows = rows[(rows[:, 0] >= began) & (rows[:, 0] < ended)]
+        return profile_of(f"navigation cycle {nav_cycle} of {self.flight.scenario.name}", rows, CodeMap(self.firmware))
+
+    def _follow(self, tick: int) -> None:
+        """Run to the end of the next service of the tick with the trace on."""
+        self.processor.record_trace(lambda rows: self._rows.append(rows.copy()))
+        ended = self.ticks
+        while self.ticks == ended:
+            self._run_slice(self.board.now + tick)
+
+    def _note_ticks(self, ticks: NDArray[np.int64]) -> None:
+        super()._note_ticks(ticks)
+        if len(ticks):
+            self._service = int(ticks[0, STARTED]), int(ticks[0, ENDED])
 
 
 def _signed(words: NDArray[Any]) -> NDArray[np.int64]:

@@ -92,6 +92,7 @@ class ImageRun(BoardRun):
         )
         self.watch = new_stopwatch(max(BITS.values()) + 1)
         self.ticks = 0
+        self.worst_tick = (0, 0)  # execution [cycles] and number of the longest service of the tick
         self.first_exceeded: dict[str, int] | None = None
         self.first_overrun: dict[str, int] | None = None
         self.timing_is = "measured" if has_pipeline else "measured without the pipeline"
@@ -116,9 +117,16 @@ class ImageRun(BoardRun):
         rows = self.processor.take_services()
         _note_services(self.watch, rows)
         ticks = rows[rows[:, BIT] == TINT0]
+        self._note_ticks(ticks)
+
+    def _note_ticks(self, ticks: NDArray[np.int64]) -> None:
+        """Take in the services of the tick that ended in a slice: rows of the service log."""
         response = ticks[:, ENDED] - ticks[:, REQUESTED]
         self.first_exceeded = self.first_exceeded or self._first_over(ticks[:, EXECUTION], self.sheet.budget_cycles)
         self.first_overrun = self.first_overrun or self._first_over(response, self.sheet.tick_cycles)
+        if len(ticks):
+            worst = int(ticks[:, EXECUTION].argmax())
+            self.worst_tick = max(self.worst_tick, (int(ticks[worst, EXECUTION]), -(self.ticks + worst + 1)))
         self.ticks += len(ticks)
 
     def _first_over(self, cycles: NDArray[np.int64], limit: int) -> dict[str, int] | None:
@@ -143,6 +151,7 @@ class ImageRun(BoardRun):
             first_overrun=self.first_overrun,
             timing_is=self.timing_is,
             timing=self._timing(),
+            worst_nav_cycle=-self.worst_tick[1] or None,
             cpu_load=stopwatch.total_execution(self.watch) / self.board.now,
             stack=self._stack(),
             interrupts_off_max_cycles=self.processor.interrupts_off_max_cycles,

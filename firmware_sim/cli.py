@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
-from firmware_sim import cli_target
+from firmware_sim import cli_firmware, cli_target
 from firmware_sim.errors import UsageError
 
 if TYPE_CHECKING:
@@ -136,6 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--report", metavar="FILE.json", help="write the report of the run")
     run.add_argument("--max-wall", type=_positive, metavar="S", help="give up (status 5) after so many real seconds")
     cli_target.add_commands(commands)
+    cli_firmware.add_commands(commands)
     return parser
 
 

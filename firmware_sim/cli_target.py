@@ -1,4 +1,4 @@
-"""The commands for machine code: ``asm``, ``dis``, ``build``, ``debug`` and ``run --engine iss``."""
+"""The commands for machine code: ``asm``, ``dis``, ``debug`` and ``run --engine iss``."""
 
 from __future__ import annotations
 
@@ -33,19 +33,6 @@ def add_commands(commands: Any) -> None:
     asm.add_argument("sources", nargs="+", metavar="SRC.asm", help="sources; they share what they declare .global")
     asm.add_argument("-o", dest="output", metavar="IMAGE.out", required=True, help="the image, in COFF2")
     asm.add_argument("--listing", metavar="FILE", help="write addresses, words and cycles beside the source")
-    build = commands.add_parser(
-        "build",
-        help="build the board's own firmware",
-        description="Compile the navigation kernels and assemble the services: the firmware of a board, in one image.",
-    )
-    build.set_defaults(command=_build)
-    build.add_argument("-o", dest="output", metavar="IMAGE.out", default="firmware.out", help="the image, in COFF2")
-    build.add_argument("--board", metavar="FILE.toml", help="board file (docs/board.md); without it the default board")
-    build.add_argument(
-        "--start", metavar="SCENARIO", help="start from this scenario; without it from the host's command"
-    )
-    build.add_argument("--map", metavar="FILE", help="write what lies where, with sizes")
-    build.add_argument("--listing", metavar="FILE", help="write addresses, words and cycles beside the source")
     debug = commands.add_parser(
         "debug",
         help="step through an image",
@@ -139,30 +126,9 @@ def _asm(options: argparse.Namespace) -> int:
     from firmware_sim.toolchain.listing import listing
 
     image = assemble_files([Path(source) for source in options.sources])
-    _write(options.output, write_coff(image))
+    write_file(options.output, write_coff(image))
     if options.listing:
-        _write(options.listing, listing(image).encode())
-    return FINE
-
-
-def _build(options: argparse.Namespace) -> int:
-    from firmware_sim.bench import start_of
-    from firmware_sim.board.sheet import load_sheet
-    from firmware_sim.firmware.build import build_firmware, map_of
-    from firmware_sim.plant.scenario import load_scenario
-    from firmware_sim.toolchain.coff import write_coff
-    from firmware_sim.toolchain.listing import listing
-
-    sheet, start = load_sheet(options.board), None
-    if options.start:
-        scenario = load_scenario(options.start)
-        start = start_of(scenario.source(sheet.adc.period_s, 0), scenario.name)
-    firmware = build_firmware(sheet, start)
-    _write(options.output, write_coff(firmware.image))
-    if options.map:
-        _write(options.map, map_of(firmware).encode())
-    if options.listing:
-        _write(options.listing, listing(firmware.image).encode())
+        write_file(options.listing, listing(image).encode())
     return FINE
 
 
@@ -197,7 +163,8 @@ def _debug(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _write(name: str, data: bytes) -> None:
+def write_file(name: str, data: bytes) -> None:
+    """Write a file. Raises UsageError, naming it, where that fails."""
     try:
         Path(name).write_bytes(data)
     except OSError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -78,7 +79,13 @@ class ErrorRecord:
 
 
 class Report(dict[str, Any]):
-    """The report as a dictionary with the names of the JSON document (docs/report.md)."""
+    """The report as a dictionary with the names of the JSON document (docs/report.md).
+
+    ``budget_of_test`` and ``profile`` (what it says of the longest service) are a test's, and not of the document.
+    """
+
+    budget_of_test: int | None = None
+    profile: Callable[[], str] | None = None
 
     @property
     def within_budget(self) -> bool:

@@ -48,3 +48,48 @@ def test_the_plugin_gives_users_a_virtual_board(pytester):
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=1)
     result.stdout.fnmatch_lines(["*over the budget of 100*"])
+
+
+def test_machine_code_with_a_marker_properties_and_a_kernel_of_the_users(pytester):
+    pytester.makepyfile(
+        burning="""
+        from firmware_sim.kernels.language import Real, kernel
+
+        @kernel
+        def burn(new_scale: Real[6]) -> None:
+            x = new_scale[0]
+            for _ in range(2000):
+                x = x * 0.5 + 1.0
+            new_scale[0] = x
+        """,
+        test_board="""
+        import pytest
+        from burning import burn
+        from firmware_sim.errors import UsageError
+        from firmware_sim.pytest_plugin import assert_within_budget
+
+        @pytest.mark.cycle_budget(8_000)
+        def test_fits(virtual_board):
+            assert_within_budget(virtual_board.run("static", duration_s=0.2, engine="iss"), bound=True)
+
+        @pytest.mark.cycle_budget(8_000)
+        def test_burns(virtual_board):
+            assert_within_budget(virtual_board.run("static", duration_s=0.2, engine="iss", extra=burn))
+
+        def test_bound(virtual_board):
+            report = virtual_board.run("static", duration_s=0.2, engine="iss")
+            assert_within_budget(report, cycles=report["timing"]["nav"]["max"], bound=True)
+
+        def test_only_machine_code_takes_an_extra_kernel(virtual_board):
+            with pytest.raises(UsageError, match="extra: expected with the engine iss, found c3x"):
+                virtual_board.run("static", duration_s=0.2, extra=burn)
+        """,
+    )
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider", "--strict-markers", "--junitxml=junit.xml")
+    result.assert_outcomes(passed=2, failed=2)
+    text = result.stdout.str()
+    assert "burning.py:7  x = x * 0.5 + 1.0" in text
+    assert "burning_burn" in text
+    assert "the code of the solver service allows" in text
+    junit = (pytester.path / "junit.xml").read_text()
+    assert 'name="firmware_sim.nav_worst_cycles"' in junit

@@ -149,6 +149,11 @@ class TargetProcessor:
         self._measured.clear()
         return measured
 
+    def record_trace(self, on_trace: Callable[[NDArray[np.int64]], None]) -> None:
+        """From now on give what is executed to ``on_trace``, as the constructor's argument of that name says."""
+        self._on_trace = on_trace
+        self.trace.is_on[0] = 1
+
     def _give_recorded(self) -> None:
         if self._on_trace is not None:
             self._on_trace(self.trace.rows[: int(self.trace.used[0])])

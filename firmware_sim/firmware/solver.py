@@ -27,7 +27,7 @@ class Solver:
         self.scale = machine.array(interleaved(list(scale)))
         shapes = [4, 4, 3, 3, 3, (3, 3), (3, 3), 3, 3, 3]
         self.states = [machine.array(np.zeros(shape)) for shape in shapes]
-        self._outputs = [machine.array(np.zeros(size)) for size in (5, 3, 4)]
+        self.outputs = [machine.array(np.zeros(size)) for size in (5, 3, 4)]
         self._singles = machine.array(np.zeros(9))
         self.flags = 0
         self.height: Any = machine.encode(0.0)
@@ -60,17 +60,17 @@ class Solver:
     def step(self, sums: NDArray[np.int64], n1: int, n2: int, height_mm: int, climb_mmps: int) -> None:
         """One cycle from summed counts (12,): the first n1 samples' six channels, then the last n2's."""
         self.flags, self.height, self.latitude, self.longitude = self._navigate(
-            sums, n1, n2, height_mm, climb_mmps, self.scale, *self.states, *self._outputs
+            sums, n1, n2, height_mm, climb_mmps, self.scale, *self.states, *self.outputs
         )
 
     def solution(self) -> NDArray[Any]:
         """A copy of the solution, (12,), as the machine holds it: pitch, roll, azimuth, heading, wander [rad]; velocity
         east, north, up [m/s]; latitude and longitude in two words each [rad]."""
-        return np.concatenate(self._outputs)
+        return np.concatenate(self.outputs)
 
     def words(self) -> NDArray[np.int64]:
         """The C3x singles of attitude (5), velocity (3) and height, as memory words."""
         singles = self._singles
-        singles[:5], singles[5:8] = self._outputs[:2]
+        singles[:5], singles[5:8] = self.outputs[:2]
         singles[8] = self.height
         return self.machine.words(singles)

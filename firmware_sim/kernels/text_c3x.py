@@ -20,7 +20,7 @@ def text_of(code: Sequence[Line]) -> list[str]:
             continue
         if line.origin != shown:
             shown = line.origin
-            lines.append(f"; {Path(shown.file).name}:{shown.line}  {_source_line(shown)}")
+            lines.append(f"; {Path(shown.file).name}:{shown.line}  {source_line(shown)}")
         if isinstance(line, Jump):
             lines.append(f"            {line.mnemonic:<8}{line.target}".rstrip())
             lines += [f"            {slot}" for slot in line.slots]
@@ -34,6 +34,6 @@ def _lines_of(file: str) -> list[str]:
     return Path(file).read_text(encoding="utf-8").splitlines()
 
 
-def _source_line(origin: Origin) -> str:
+def source_line(origin: Origin) -> str:
     text = _lines_of(origin.file)
     return text[origin.line - 1].strip() if 0 < origin.line <= len(text) else ""
