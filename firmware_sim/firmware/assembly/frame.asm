@@ -124,10 +124,12 @@ describe:   LDI     @described,AR4
             BLT     describe_end
             LDI     @tx_tail,AR2
             LDI     R5,RC
-            SUBI    1,RC
-            RPTB    describe_byte
+            SUBI    2,RC
             LDI     *AR4++,R0
-describe_byte: STI  R0,*AR2++(1)%
+            RPTB    describe_byte
+describe_byte: LDI  *AR4++,R0
+||          STI     R0,*AR2++(1)%
+            STI     R0,*AR2++(1)%
             STI     AR2,@tx_tail
             LDI     @credit,R0
             SUBI    R5,R0
