@@ -15,7 +15,7 @@ import numpy as np
 
 from firmware_sim.c3x import addressing, operations, pipeline
 from firmware_sim.c3x.isa import OPERATION_INDEX, Instruction, decode
-from firmware_sim.c3x.isa_rows import SLOTS, Shape
+from firmware_sim.c3x.isa_rows import SLOTS, Place, Shape
 from firmware_sim.c3x.machine import (
     BK,
     DECODED,
@@ -85,6 +85,10 @@ _FLOAT_OPERANDS: Final = frozenset((
 _RELATIVE_TO: Final = {Shape.DELAYED_BRANCH: 3}
 _LAST_EXTENDED: Final = 7
 
+_MOVING_MODES: Final = (addressing.BEFORE, addressing.AFTER, addressing.CIRCULAR, addressing.BIT_REVERSED)
+_UPPER_FIELD: Final = 0xFF00
+"""Bits 15 to 8, in which an instruction with two indirect operands has the one whose pointer is kept."""
+
 _OFFSET: Final = 0
 _POST: Final = 2
 """Values of bits 2 and 1 of a modification field: before without, before with, after with modification, circular."""
@@ -98,6 +102,11 @@ class Access(NamedTuple):
     sign: int = 1
     ahead: int = 0
     advance: int = 0
+
+    @property
+    def moves(self) -> bool:
+        """Whether the pointer is another one afterwards."""
+        return self.advance != 0 or self.mode in _MOVING_MODES
 
 
 class Decoded(NamedTuple):
@@ -144,6 +153,7 @@ class _Decoder:
         slots = self.instruction.slots()
         for place in range(SLOTS):
             self._operand(place, slots[place])
+        self._keep_one_pointer()
         for half, name in enumerate(self.names):
             row[f"operation{half}"] = OPERATION_INDEX[_LOADS_AS.get(name, name)]
         if row["mode0"] == row["mode1"] == addressing.DISPLACED and row["transfer0"] == row["transfer1"] == LOAD:
@@ -163,6 +173,7 @@ class _Decoder:
         row, number = self.row, self.accesses
         self.accesses += 1
         row[f"pointer{number}"] = pointer
+        row[f"moved{number}"] = pointer if access.moves else DISCARDED
         for field, value in access._asdict().items():
             row[f"{field}{number}"] = value
         row[f"shift{number}"] = 8 if name in _FLOAT_OPERANDS else 0
@@ -206,6 +217,20 @@ class _Decoder:
             return self._access(name, DP, Access(addressing.DIRECT, ahead=operand.value), stored)
         return self._access(name, operand.register, _access_of(operand), stored)
 
+    def _keep_one_pointer(self) -> None:
+        """Of two fields that move one pointer, the value made by that in bits 15 to 8 is kept (13-24, 13-26)."""
+        row = self.row
+        if self.accesses < 2 or row["pointer0"] != row["pointer1"]:
+            return
+        # The accesses are in the order of their slots.
+        in_order = sorted(zip(self.instruction.row.operands, self.instruction.operands, strict=True), key=_first_slot)
+        fields = [place.form.mask for place, operand in in_order if operand.kind is Kind.INDIRECT]
+        upper = 0 if fields[0] & _UPPER_FIELD == _UPPER_FIELD else 1
+        kept = upper if row[f"moved{upper}"] != DISCARDED else 1 - upper
+        row[f"moved{1 - kept}"] = DISCARDED
+        if row["mode0"] == row["mode1"] == addressing.DISPLACED:
+            row[f"advance{1 - kept}"] = row[f"advance{kept}"]
+
     def _results(self, slots: tuple[Operand, ...]) -> None:
         """Which bits of the destinations stay, and which flags change."""
         row = self.row
@@ -228,6 +253,10 @@ class _Decoder:
         for slot, operand in enumerate(slots):
             if operand.kind is Kind.REGISTER:
                 row["written_groups" if slot % 3 == 2 else "read_groups"] |= _group_of(operand.register)
+
+
+def _first_slot(operand: tuple[Place, Operand]) -> int:
+    return operand[0].slots[0]
 
 
 def _group_of(code: int) -> int:

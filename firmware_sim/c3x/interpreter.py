@@ -270,8 +270,7 @@ def interpret(
             else:
                 mode = DISPLACED
         if mode not in (NO_ACCESS, TWO_LOADS):
-            pointer0 = row.pointer0
-            base0 = r[pointer0]
+            base0 = r[row.pointer0]
             if mode == DISPLACED:
                 address0 = base0 + row.ahead0 & ADDRESS_MASK
                 after0 = base0 & ~ADDRESS_MASK | base0 + row.advance0 & ADDRESS_MASK
@@ -287,8 +286,7 @@ def interpret(
                 is_using_supply = True
                 limit = 0
             if row.mode1 != NO_ACCESS:
-                pointer1 = row.pointer1
-                base1 = r[pointer1]
+                base1 = r[row.pointer1]
                 if row.mode1 == DISPLACED:
                     address1 = base1 + row.ahead1 & ADDRESS_MASK
                     after1 = base1 & ~ADDRESS_MASK | base1 + row.advance1 & ADDRESS_MASK
@@ -303,8 +301,8 @@ def interpret(
                         break
                     is_using_supply = True
                     limit = 0
-                r[pointer0] = after0
-                r[pointer1] = after1
+                r[row.moved0] = after0
+                r[row.moved1] = after1
                 if row.transfer0 == LOAD:
                     r[LOADED] = (np.int64(memory[index0]) if index0 >= 0 else s.supplied0) << row.shift0
                 if row.transfer1 == LOAD:
@@ -317,7 +315,7 @@ def interpret(
                         _write_device(s, address1, word, cycles)
                         reason = _DEVICE_WRITE
             else:
-                r[pointer0] = after0
+                r[row.moved0] = after0
                 if row.transfer0 == LOAD:
                     r[LOADED] = (np.int64(memory[index0]) if index0 >= 0 else s.supplied0) << row.shift0
             if row.transfer0 == STORE:

@@ -106,6 +106,7 @@ DECODED: Final = np.dtype(
         *((f"{name}{access}", np.uint8) for access in (0, 1) for name in ("mode", "pointer", "index_register")),
         *((f"sign{access}", np.int8) for access in (0, 1)),
         *((f"{name}{access}", np.int32) for access in (0, 1) for name in ("ahead", "advance")),
+        *((f"moved{access}", np.uint8) for access in (0, 1)),  # the register that gets what the pointer is afterwards
         *((f"transfer{access}", np.uint8) for access in (0, 1)),
         *((f"shift{access}", np.uint8) for access in (0, 1)),  # 8 for floats: a word is the upper 32 of 40 bits
         *((f"stored{access}", np.uint8) for access in (0, 1)),  # the register that is stored

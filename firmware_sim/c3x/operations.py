@@ -127,7 +127,7 @@ def subtract_integers(a: int, b: int, borrow: int, st: int) -> int:
 
 @jit
 def multiply_integers(a: int, b: int, st: int) -> int:
-    """The low 32 bits of the product of two signed 24-bit integers (13-167)."""
+    """The low 32 bits of the product of two signed 24-bit integers (13-159)."""
     return _arithmetic(((a << 40) >> 40) * ((b << 40) >> 40), st)
 
 
@@ -165,9 +165,16 @@ def _shift_right(wide: int, count: int) -> int:
 
 @jit
 def shift_arithmetic(a: int, b: int) -> int:
-    """b shifted by a, signed; the bits that a left shift loses raise no V (13-72)."""
+    """b shifted by a, signed. A left shift whose exact result does not fit into 32 bits sets V and LV (13-72, 13-29).
+
+    It does not saturate (13-72). LSH knows no overflow: its text says V 0; its examples print 1 (13-137, 13-139).
+    """
     count = _shift_count(a)
-    return _shift_left(b, count) if count >= 0 else _shift_right(signed(b), -count)
+    if count < 0:
+        return _shift_right(signed(b), -count)
+    shifted = _shift_left(b, count)
+    has_overflown = signed(shifted) >> count != signed(b)
+    return shifted | has_overflown * (ST_V | ST_LV) << FLAGS_LOW
 
 
 @jit
@@ -220,7 +227,7 @@ def normalise(a: int) -> int:
 
 @jit
 def load_exponent(a: int, b: int) -> int:
-    """LDE: the exponent of a with the mantissa of b; the exponent of zero makes it zero (13-117)."""
+    """LDE: the exponent of a with the mantissa of b; the exponent of zero makes it zero (13-112)."""
     return floats.ZERO if floats.exponent_of(a) == -128 else a & EXPONENT_MASK | b & WORD_MASK
 
 

@@ -104,7 +104,10 @@ class Reference:
         return address
 
     def addresses(self, instruction):
-        """Addresses by slot; all from the registers before the instruction, then all pointers change (6-5)."""
+        """Addresses by slot; all from the registers before the instruction, then all pointers change (6-5).
+
+        Of two fields that modify one pointer the upper one, bits 15 to 8, has its way (13-24, 13-26).
+        """
         found, changes = {}, {}
         for place, operand in zip(instruction.row.operands, instruction.operands, strict=True):
             if operand.kind not in (Kind.DIRECT, Kind.INDIRECT):
@@ -112,10 +115,13 @@ class Reference:
             if operand.kind is Kind.DIRECT:
                 address = self["DP"] % 256 << 16 | operand.value
             else:
-                address, changes[operand.register] = self.indirect(operand)
+                address, changed = self.indirect(operand)
+                is_upper = place.form.mask & 0xFFFF == 0xFF00
+                if operand.modification & 7 > 1 or operand.modification == 0b11001:
+                    changes[operand.register, is_upper] = changed
             for slot in place.slots:
                 found[slot] = self.check(address)
-        for register, value in changes.items():
+        for (register, _), value in sorted(changes.items()):
             self.registers[register] = self.registers[register] & 0xFF00_0000 | value & 0xFF_FFFF
         return found
 
@@ -265,7 +271,8 @@ class Reference:
             return (difference * 2 + 1 if difference >= 0 else ub * 2), 0, 0
         if name in ("ash", "lsh", "rol", "rolc", "ror", "rorc"):
             value, carry_out = self.shifted(name, ua, b, ub, carry)
-            return value, self.logical_flags(value) | (C if carry_out else 0), RESULT_FLAGS | C
+            overflow = V | LV if name == "ash" and self.shift_overflows(ua, b) else 0
+            return value, self.logical_flags(value) | (C if carry_out else 0) | overflow, RESULT_FLAGS | C
         plain = {
             "and": ub & ua, "tstb": ub & ua, "andn": ub & ~ua, "or": ub | ua, "xor": ub ^ ua, "not": ~ua,
             "ldi": ua, "ldii": ua, "pop": ua, "ldi_if": ua,
@@ -299,6 +306,12 @@ class Reference:
             else:
                 out, bits = bits[0], [*bits[1:], fill]
         return sum(bit << n for n, bit in enumerate(bits)), out
+
+    @staticmethod
+    def shift_overflows(ua, b):
+        """Whether b, shifted arithmetically with Python's own integers, has no room in 32 bits (13-29)."""
+        count = ua & 0x7F
+        return count < 64 and not -(2**31) <= b << count < 2**31
 
     @staticmethod
     def float_result(name, a, b):
