@@ -156,7 +156,7 @@ def answer_table() -> FrameTable:
             Field("commands", "u32", "", "commands obeyed or refused since start"),
             Field("command", "u8", "", "type of the last one"),
             Field("code", "u8", "", "0 done, 254 unknown, 255 wrong length, else the number of the bad value"),
-            Field("spare", "u16", "", "zero"),
+            Field("damaged", "u16", "", "commands with a wrong CRC, ignored"),
         ),
     )
 

@@ -8,8 +8,8 @@ from typing import Final
 from firmware_sim.kernels.flat import Origin
 
 DATA_REGISTERS: Final = tuple(f"R{n}" for n in range(8))
-POINTERS: Final = tuple(f"AR{n}" for n in range(6))
-"""Registers for the addresses of arrays; AR6 and AR7 belong to the caller."""
+POINTERS: Final = tuple(f"AR{n}" for n in range(8))
+"""Registers for the addresses of arrays."""
 INDICES: Final = ("IR0", "IR1")
 
 
@@ -44,13 +44,13 @@ class Memory:
 
 @dataclass(frozen=True)
 class Indexed:
-    """A word at a pointer plus an index register."""
+    """A word at a pointer, plus an index register if there is one."""
 
     pointer: str
-    index: str
+    index: str | None
 
     def __str__(self) -> str:
-        return f"*+{self.pointer}({self.index})"
+        return f"*+{self.pointer}({self.index})" if self.index else f"*{self.pointer}"
 
 
 Operand = Register | Immediate | Memory | Indexed
@@ -102,7 +102,9 @@ class Instruction:
         found = {operand.name for operand in sources if isinstance(operand, Register)}
         for operand in self.operands:
             if isinstance(operand, Indexed):
-                found.update((operand.pointer, operand.index))
+                found.add(operand.pointer)
+                if operand.index:
+                    found.add(operand.index)
         # A load of 32 bits leaves the exponent, a condition may leave all.
         keeps = self.mnemonic in _UPDATING or self.is_conditional_load or self.mnemonic in ("LDI", "POP")
         if keeps and self.written:

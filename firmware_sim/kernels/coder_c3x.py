@@ -1,6 +1,6 @@
 """From the values of a run to instructions: registers are given while the instructions are chosen.
 
-Values live in R0 to R7 (``registers_c3x``), addresses of arrays and indices in AR0 to AR5, IR0 and IR1.
+Values live in R0 to R7 (``registers_c3x``), addresses of arrays and indices in AR0 to AR7, IR0 and IR1.
 """
 
 from __future__ import annotations
@@ -331,6 +331,8 @@ class RunCoder(RegisterFile):
         else:
             self._pointers.pop(pointer)
         self._pointers[pointer] = key
+        if at.op == "constant":
+            return Indexed(pointer, None)
         index = next((name for name, known in self._indices.items() if known is at), None)
         if index is None:
             index = next(iter(self._indices))

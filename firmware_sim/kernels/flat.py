@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Final
 
 from firmware_sim.kernels.expressions import Condition, Constant, Element, Expression, Scalar, TypedKernel, nodes
 
@@ -21,6 +22,10 @@ class Origin:
     file: str
     line: int
     kernel: str
+
+
+NEAR_ELEMENTS: Final = 64
+"""Larger arrays lie in external memory and are reached through pointers alone."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,10 @@ class Storage:
     size: int
     is_wide: bool = False
     is_kept: bool = False
+
+    @property
+    def is_far(self) -> bool:
+        return self.size > NEAR_ELEMENTS
 
     @property
     def words(self) -> int:

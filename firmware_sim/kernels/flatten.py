@@ -236,7 +236,7 @@ class _Flattener:
         first = self._nested(statement.body)
         if trips == 1:
             self.out.extend(first)
-        elif trips * _size(first) <= UNROLLED_OPERATIONS:
+        elif trips * _size(first) <= UNROLLED_OPERATIONS and not self._reaches_far(first):
             self.out.extend(first)
             for value in range(statement.start + 1, statement.stop):
                 self.scope.names[statement.variable] = _constant(value)
@@ -248,6 +248,12 @@ class _Flattener:
             del self.scope.names[statement.variable]
         else:
             self.scope.names[statement.variable] = outer
+
+    def _reaches_far(self, statements: tuple[FlatStatement, ...]) -> bool:
+        """Whether an element of a large array would need an address for each trip."""
+        found = _all_nodes(statements)
+        arrays = {node.array for node in found if isinstance(node, Element | Set)}
+        return any(self.storages[array].is_far for array in arrays)
 
     def _rolled(self, statement: For, trips: int) -> None:
         origin = self._origin()
@@ -263,7 +269,7 @@ class _Flattener:
         name = known if isinstance(known, str) else self._bind_array(statement.name, statement.type)
         zero = Constant(statement.type.element, statement.line, 0)
         size = math.prod(statement.type.shape)
-        if size <= UNROLLED_OPERATIONS:
+        if not self.storages[name].is_far:
             for i in range(size):
                 self._set(name, _constant(i), zero)
             return

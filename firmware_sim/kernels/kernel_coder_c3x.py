@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from firmware_sim.kernels.code_c3x import Immediate, Instruction, Jump, Label, Line, Memory, Register
+from firmware_sim.kernels.code_c3x import POINTERS, Immediate, Instruction, Jump, Label, Line, Memory, Register
 from firmware_sim.kernels.coder_c3x import CONDITIONS, MIRRORED, OPPOSITE, RunCoder
 from firmware_sim.kernels.expressions import Compare, Element, Scalar, TableElement, TypedKernel, nodes
 from firmware_sim.kernels.flat import Branch, CallKernel, FlatStatement, Loop, Origin, Set, constant_index
@@ -13,6 +13,9 @@ from firmware_sim.kernels.liveness import Live, Liveness, Place
 from firmware_sim.kernels.memory_c3x import Frame, Pools, symbol_of
 from firmware_sim.kernels.schedule_c3x import schedule
 from firmware_sim.kernels.values import RunBuilder, split_index
+
+_FREE_POINTERS = 2
+"""Pointers that a repeated block does not keep for its arrays."""
 
 Pointers = Mapping[str, tuple[str, int]]
 
@@ -45,7 +48,9 @@ class KernelCoder:
         kernel = self._flat.kernel
         kept = [storage for storage in self._flat.storages.values() if storage.is_kept]
         for storage in kept:
-            self.pools.arrays.add(self.pools.array_name(kernel, storage.name), storage.words)
+            self.pools.frame_of(storage, self.pools.arrays).add(
+                self.pools.array_name(kernel, storage.name), storage.words
+            )
         self._final = frozenset((storage.name, index) for storage in kept for index in range(storage.size))
         results = frozenset((name, 0) for name in self._flat.results)
         self._block(self._flat.body, self._final | results, is_whole=True)
@@ -187,10 +192,10 @@ class KernelCoder:
                 key = self._pointer_key(node)
                 if key:
                     found[key] = None
-        return {f"AR{number}": key for number, key in enumerate(list(found)[:5])}
+        return dict(zip(POINTERS[:-_FREE_POINTERS], found, strict=False))
 
     def _pointer_key(self, node: object) -> tuple[str, int] | None:
-        if isinstance(node, Element) and constant_index(node.indices[0]) is None:
+        if isinstance(node, Element) and (self._is_far(node.array) or constant_index(node.indices[0]) is None):
             return self.array_symbol(node.array), split_index(node.indices[0])[1]
         if isinstance(node, TableElement):
             return self.pools.table_symbol(node.values, node.type), split_index(node.index)[1]
@@ -205,8 +210,11 @@ class KernelCoder:
             # Two kernels may have inlined the same one.
             own = f"{self.frame.name}."
             name = name if name.startswith(own) else own + name
-            self.frame.add(name, storage.words)
+            self.pools.frame_of(storage, self.frame).add(name, storage.words)
         return Memory(symbol_of(name), place[1] * (2 if storage.is_wide else 1))
+
+    def _is_far(self, array: str) -> bool:
+        return self._flat.storages[array].is_far
 
     def is_wide(self, place: Place) -> bool:
         return self._flat.storages[place[0]].is_wide

@@ -5,8 +5,8 @@ line beside its instructions, and where everything lies. All code runs with one 
 
 Calling convention: scalars in R0, R1 ... in their order, floats as singles; results the same way; arrays of a root are
 memory that both sides know by name (roots with arrays of one name and shape share one). A kernel changes
-R0 to R7, AR0 to AR5, IR0, IR1, RS, RE and RC; it needs DP on its page and a stack, and keeps AR6, AR7, BK, DP and
-the control bits of ST. It is not reentrant: its variables are static. An assembly routine that keeps to the same may
+R0 to R7, AR0 to AR7, IR0, IR1, RS, RE and RC; it needs DP on its page and a stack, and keeps BK, DP and the control
+bits of ST. It is not reentrant: its variables are static. An assembly routine that keeps to the same may
 stand for a kernel.
 """
 
@@ -40,6 +40,9 @@ from firmware_sim.kernels.text_c3x import text_of
 
 ON_CHIP: Final = 0x87FE00
 ON_CHIP_WORDS: Final = 512
+FAR: Final = 0x018000
+FAR_WORDS: Final = 0x8000
+"""Where arrays of more than ``flat.NEAR_ELEMENTS`` elements go: external memory."""
 INLINED_OPERATIONS: Final = 40
 """A kernel with more operations than these, called from several places, stays one piece of code."""
 
@@ -189,13 +192,17 @@ class _ProgramWriter:
         frames_at = constants_at + len(pools.constants)
         variables = max((frame.base + frame.words for frame in self._frames.values()), default=0)
         total = frames_at + variables - first
+        if pools.far.words > FAR_WORDS:
+            raise UsageError(f"kernels: expected at most {FAR_WORDS} words of large arrays, found {pools.far.words}")
         if total > words:
             raise UsageError(
                 f"kernels: expected at most {words} words of data, found {total} ({pools.arrays.words} of arrays,"
                 f" {len(pools.constants)} of constants, {variables} of variables)"
             )
+        addresses = {name: first + offset for name, (offset, _) in pools.arrays.symbols.items()}
+        addresses |= {name: FAR + offset for name, (offset, _) in pools.far.symbols.items()}
         lines = ["; Compiled from Python kernels.", ""]
-        lines += _placed(pools.arrays, first)
+        lines += _placed(pools.arrays, first) + _placed(pools.far, FAR)
         lines += [f"{label:<39} .set    0{constants_at + n:X}h" for n, label in enumerate(pools.constants.values())]
         for frame in self._frames.values():
             lines += _placed(frame, frames_at + frame.base)
@@ -207,7 +214,7 @@ class _ProgramWriter:
             source="\n".join(lines) + "\n",
             labels={kernel.name: self._label(kernel) for kernel in self._kept},
             arrays={
-                (root.name, name): first + pools.arrays.symbols[pools.array_name(root, name)][0]
+                (root.name, name): addresses[pools.array_name(root, name)]
                 for root in self._roots
                 for name, kind in root.parameters
                 if isinstance(kind, ArrayType)

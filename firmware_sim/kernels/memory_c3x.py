@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from firmware_sim.c3x import floats
 from firmware_sim.kernels.code_c3x import Memory
 from firmware_sim.kernels.expressions import Scalar, TypedKernel
-from firmware_sim.kernels.flat import Origin
+from firmware_sim.kernels.flat import Origin, Storage
 from firmware_sim.kernels.language import KernelError
 from firmware_sim.kernels.machines import C3X
 
@@ -33,6 +33,7 @@ class Pools:
 
     def __init__(self, roots: Iterable[TypedKernel]) -> None:
         self.arrays = Frame("arrays")
+        self.far = Frame("far")
         kinds: dict[str, set[str]] = {}
         for root in roots:
             for name, kind in root.parameters:
@@ -41,6 +42,10 @@ class Pools:
         self.constants: dict[str, str] = {}  # text of the word -> label
         self.meanings: dict[str, str] = {}  # label -> the number
         self.tables: dict[tuple[Scalar, tuple[float, ...]], str] = {}
+
+    def frame_of(self, storage: Storage, near: Frame) -> Frame:
+        """Where a storage goes: to ``near``, on chip, or for a large one to the external memory."""
+        return self.far if storage.is_far else near
 
     def array_name(self, root: TypedKernel, name: str) -> str:
         """What an array parameter of a root is called: by its name alone when all roots mean the same by it."""

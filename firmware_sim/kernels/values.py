@@ -110,7 +110,7 @@ class RunBuilder:
         value = self._value(statement.value)
         if value.is_wide and not self._storages[statement.array].is_wide:
             value = self._unique("rnd", FLOAT, (value,), is_single=True)
-        index = constant_index(statement.index)
+        index = self._near_index(statement.array, statement.index)
         if index is not None:
             self._write((statement.array, index), value)
             return
@@ -157,6 +157,10 @@ class RunBuilder:
         return Run(_with_early_stores(items), self._current)
 
     # -- places
+
+    def _near_index(self, array: str, index: Expression) -> int | None:
+        """The index of an element that has an address of its own, or None for one that is reached through a pointer."""
+        return None if self._storages[array].is_far else constant_index(index)
 
     def _read(self, place: Place) -> Value:
         known = self._current.get(place)
@@ -228,7 +232,7 @@ class RunBuilder:
         raise AssertionError(f"no value for {expression}")
 
     def _element(self, element: Element) -> Value:
-        index = constant_index(element.indices[0])
+        index = self._near_index(element.array, element.indices[0])
         if index is not None:
             return self._read((element.array, index))
         at, offset = self._split_index(element.indices[0])
@@ -253,6 +257,8 @@ class RunBuilder:
 
 def split_index(index: Expression) -> tuple[Expression, int]:
     """An index as a computed part and a constant one."""
+    if isinstance(index, Constant):
+        return Constant(index.type, index.line, 0), int(index.value)
     if isinstance(index, Binary) and index.op in ("add", "sub") and isinstance(index.right, Constant):
         return index.left, int(index.right.value) * (1 if index.op == "add" else -1)
     return index, 0

@@ -20,7 +20,7 @@ _MOST_SPEED_MMPS = 2_000_000
 _MOST_CLIMB_MMPS = 500_000
 _LATITUDE_RAD = 1.0 / LATITUDE_UNITS_PER_RAD
 _ANGLE_RAD = 1.0 / LONGITUDE_UNITS_PER_RAD
-# A weight may be up to a quarter off the one in force.
+# A weight may be up to a quarter off the one that the board was built with.
 _LEAST_RATIO, _MOST_RATIO = 0.75, 1.25
 _LOW_WORD = 2.0**-23
 
@@ -115,14 +115,14 @@ def start_from_host(
 
 
 @kernel
-def accept_scale(new_scale: Real[6], scale: Real[6]) -> int:
+def accept_scale(new_scale: Real[6], built_scale: Real[6], scale: Real[6]) -> int:
     """Take new weights of the counts and a new sample period, in two words each (the layout of ``strapdown``)."""
     wrong = 0
     for i in range(3):
         high = new_scale[2 * i]
         low = new_scale[2 * i + 1]
-        least = _LEAST_RATIO * scale[2 * i]
-        most = _MOST_RATIO * scale[2 * i]
+        least = _LEAST_RATIO * built_scale[2 * i]
+        most = _MOST_RATIO * built_scale[2 * i]
         bound = _LOW_WORD * high
         if wrong == 0 and (high < least or high > most):
             wrong = 2 * i + 1

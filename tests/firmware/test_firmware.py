@@ -75,7 +75,7 @@ def test_a_start_from_the_host_is_obeyed_and_answered() -> None:
     assert target.board.receive(data) == len(data)
     target.fly(6)
     assert target.records(telemetry.ANSWER) == [
-        {"commands": 1, "command": telemetry.START_COMMAND, "code": 0, "spare": 0}
+        {"commands": 1, "command": telemetry.START_COMMAND, "code": 0, "damaged": 0}
     ]
     last = target.records()[-1]
     assert last["mode"] == telemetry.NAVIGATE

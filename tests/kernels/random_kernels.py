@@ -31,6 +31,7 @@ class KernelWriter:
             "    t = b + 1.0",
             "    k = m",
             "    z = zeros(4)",
+            "    y = zeros(70)",
             *self._block(1, self._random.randint(5, 9)),
             f"    return {self._float(2)}, {self._int(2)}",
         ]
@@ -84,8 +85,11 @@ class KernelWriter:
         return self._random.choice(["0", "3", f"({self._int(1)} & 3)", f"({self._random.choice(INTS)} & 1) + 2"])
 
     def _element(self) -> str:
-        if self._random.random() < 0.3:
+        kind = self._random.random()
+        if kind < 0.3:
             return f"w[{self._int(0)} & 1, {self._random.choice('01')}]"
+        if kind < 0.45:  # too large for an address of each element
+            return self._random.choice(["y[0]", "y[69]", f"y[{self._int(0)} & 31]", f"y[({self._int(0)} & 15) + 3]"])
         return f"{self._random.choice('vz')}[{self._index()}]"
 
     def _float(self, depth: int) -> str:

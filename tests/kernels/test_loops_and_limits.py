@@ -89,14 +89,33 @@ def nine_out(x: int) -> tuple[int, int, int, int, int, int, int, int, int]:
 
 
 @kernel
-def too_large(a: Real[300]) -> float:
+def large(a: Real[300]) -> float:
     copy = zeros(300)
     for i in range(300):
         copy[i] = a[299 - i]
     total = 0.0
     for i in range(300):
-        total = total + copy[i]
-    return total
+        total = total + copy[i] * float(i)
+    a[7] = total
+    return total - a[299]
+
+
+@kernel
+def too_large(a: Real[10000]) -> float:
+    copy = zeros(30000)
+    for i in range(30000):
+        copy[i] = a[i & 4095]
+    return copy[12345]
+
+
+@kernel
+def too_many(
+    a: Real[64], b: Real[64], c: Real[64], d: Real[64], e: Real[64], f: Real[64], g: Real[64], h: Real[64]
+) -> float:
+    i = zeros(64)
+    n = int(a[0]) & 63
+    i[n] = a[n] + b[n] + c[n] + d[n] + e[n] + f[n] + g[n] + h[n]
+    return i[(n + 1) & 63]
 
 
 @kernel
@@ -124,7 +143,7 @@ def random_argument(source: np.random.Generator, kind: Any) -> Any:
 
 
 @pytest.mark.parametrize(
-    "name", ["shifted_sum", "matrix_times_vector", "by_local_arrays", "sorted_in_place", "in_each_others_way"]
+    "name", ["shifted_sum", "matrix_times_vector", "by_local_arrays", "sorted_in_place", "in_each_others_way", "large"]
 )
 def test_loops_as_machine_code_are_the_c3x_build_bit_by_bit(kernels: Any, name: str) -> None:
     kernel = getattr(kernels, name)
@@ -154,7 +173,9 @@ def test_more_scalars_than_registers_are_refused(kernels: Any, name: str) -> Non
 
 
 def test_data_that_do_not_fit_are_refused_with_what_takes_the_room(kernels: Any) -> None:
-    with pytest.raises(UsageError, match=r"expected at most 512 words of data, found 6\d\d \(300 of arrays, \d+ of"):
+    with pytest.raises(UsageError, match=r"expected at most 512 words of data, found 5\d\d \(512 of arrays, \d+ of"):
+        compile_kernels([kernels.too_many])
+    with pytest.raises(UsageError, match="expected at most 32768 words of large arrays, found 40000"):
         compile_kernels([kernels.too_large])
 
 

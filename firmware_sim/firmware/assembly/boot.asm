@@ -41,10 +41,12 @@ boot_copy1: STI     R0,*AR2++
 boot_copy2: STI     R0,*AR2++
             LDI     @boot_scale,AR1
             LDI     @boot_scale_to,AR2
+            LDI     @boot_built_to,AR3
             LDI     5,RC
             RPTB    boot_copy3
             LDI     *AR1++,R0
-boot_copy3: STI     R0,*AR2++
+            STI     R0,*AR2++
+boot_copy3: STI     R0,*AR3++
 
             LDI     DATA_PAGE,DP
             LDI     @period,R0
@@ -141,6 +143,7 @@ boot_constants: .word constants
 boot_constants_to: .word adc_at
 boot_scale: .word   scale_words
 boot_scale_to: .word v_scale
+boot_built_to: .word v_built_scale
 boot_start: .word   start_words
 boot_place: .word   v_place
 boot_velocity: .word v_velocity_t_mps

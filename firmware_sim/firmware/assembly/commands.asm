@@ -139,7 +139,10 @@ obey_length: LDI    WRONG_LENGTH,R0
             B       obey_answer
 obey_range: LDI     1,R0
 obey_answer:
-            LSH     8,R0                    ; the type and the code
+            LDI     @bad_commands,R1
+            LSH     8,R1                    ; the type, the code, and how many were damaged
+            OR      R1,R0
+            LSH     8,R0
             OR      @answer+1,R0
             STI     R0,@answer+1
             LDI     @answer,R0

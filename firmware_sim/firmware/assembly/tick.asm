@@ -9,7 +9,7 @@ SAVE        .macro
             .eval   n+1, n
             .endloop
             .eval   0, n
-            .loop   6
+            .loop   8
             PUSH    AR:n:
             .eval   n+1, n
             .endloop
@@ -26,8 +26,8 @@ RESTORE     .macro
             POP     RS
             POP     IR1
             POP     IR0
-            .eval   5, n
-            .loop   6
+            .eval   7, n
+            .loop   8
             POP     AR:n:
             .eval   n-1, n
             .endloop
