@@ -22,7 +22,7 @@ _ALWAYS: Final = 0
 _AFTER_WRITE: Final = (2, 1)
 """Cycles that an address waits for a register written one or two instructions before."""
 _AFTER_READ: Final = 1
-_EXTERNAL_WRITE: Final = 2
+_EXTERNAL_WRITE: Final = 3
 _EXTERNAL_READ: Final = 2
 
 
@@ -91,7 +91,7 @@ class Bounds:
             if pointer != SP and row[f"mode{access}"] != DIRECT:
                 own = _EXTERNAL_WRITE if row[f"transfer{access}"] == STORE else _EXTERNAL_READ
                 total += own + (self._wait_states if pointer in slow_pointers else 0)
-        # Two accesses may meet the write of the instruction before in one block.
+        # Of two, one may wait a cycle beside the write of the instruction before, or two writes delay the load behind.
         return total + (accesses == 2)
 
 

@@ -89,6 +89,8 @@ _MOVING_MODES: Final = (addressing.BEFORE, addressing.AFTER, addressing.CIRCULAR
 _UPPER_FIELD: Final = 0xFF00
 """Bits 15 to 8, in which an instruction with two indirect operands has the one whose pointer is kept."""
 
+_DESTINATION: Final = 2
+"""The slot of a half that is written."""
 _OFFSET: Final = 0
 _POST: Final = 2
 """Values of bits 2 and 1 of a modification field: before without, before with, after with modification, circular."""
@@ -193,7 +195,7 @@ class _Decoder:
 
     def _operand(self, slot: int, operand: Operand) -> None:
         half, place = divmod(slot, 3)
-        if place == 2:
+        if place == _DESTINATION:
             if operand.kind is Kind.REGISTER:
                 self.row[f"destination{half}"] = operand.register
             elif operand.kind is not Kind.NONE:
@@ -251,8 +253,11 @@ class _Decoder:
         if self.names[0] in ("db", "dbd"):
             row["used_groups"] |= pipeline.GROUP_POINTERS
         for slot, operand in enumerate(slots):
-            if operand.kind is Kind.REGISTER:
-                row["written_groups" if slot % 3 == 2 else "read_groups"] |= _group_of(operand.register)
+            if operand.kind is Kind.REGISTER and slot % 3 == _DESTINATION:
+                row["written_groups"] |= _group_of(operand.register)
+            # Second-hand: the scheduler of a compiler for this processor knows no delay behind a read of the others.
+            elif operand.kind is Kind.REGISTER and (operand.register == SP or AR0 <= operand.register < DP):
+                row["read_groups"] |= _group_of(operand.register)
 
 
 def _first_slot(operand: tuple[Place, Operand]) -> int:

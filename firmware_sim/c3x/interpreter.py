@@ -52,6 +52,7 @@ from firmware_sim.c3x.machine import (
     RS,
     SP,
     ST,
+    ST_CC,
     ST_EDGE,
     ST_GIE,
     ST_RM,
@@ -63,7 +64,7 @@ from firmware_sim.c3x.machine import (
     store_word,
 )
 from firmware_sim.c3x.operations import FLAGS_LOW, WORD_MASK, add_or_load, compute, holds, multiply_or_load, signed
-from firmware_sim.c3x.pipeline import SETTLED, decode_cycle, pass_without_access, stall_cycles
+from firmware_sim.c3x.pipeline import SETTLED, clear_cache, decode_cycle, pass_without_access, stall_cycles
 from firmware_sim.jit import jit
 
 INTERRUPT_SOURCES: Final = 0xF3F
@@ -194,7 +195,7 @@ def interpret(
     pc = s.pc
     cycles = s.cycles
     instructions = s.instructions
-    st = r[ST]
+    st = clear_cache(s, r) if r[ST] & ST_CC else r[ST]
     watched = _end_of_stretch(s, r)
     reason = _RUNNING
     limit = 0
@@ -315,7 +316,7 @@ def interpret(
                         _write_device(s, address1, word, cycles)
                         reason = _DEVICE_WRITE
             else:
-                r[row.moved0] = after0
+                r[row.pointer0] = after0
                 if row.transfer0 == LOAD:
                     r[LOADED] = (np.int64(memory[index0]) if index0 >= 0 else s.supplied0) << row.shift0
             if row.transfer0 == STORE:
@@ -345,7 +346,7 @@ def interpret(
             r[destination] = _merged(r[destination], result, row.kept0)
             if destination >= ST and destination <= RC:
                 _note_gate(s, st, r[ST], cycles)
-                st = r[ST]
+                st = clear_cache(s, r) if r[ST] & ST_CC else r[ST]
                 if st & ST_RM and signed(r[RC]) <= 0 and destination == ST:
                     st &= ~ST_RM
                     r[ST] = st

@@ -40,6 +40,8 @@ LOADED: Final = 30
 REGISTER_COUNT: Final = 32
 
 ST_RM: Final = 1 << 8
+ST_CC: Final = 1 << 12
+"""Clears the cache when it is written as 1, and reads as 0."""
 ST_GIE: Final = 1 << 13
 ST_EDGE: Final = 1 << 14
 """INT0 to INT3 request at an edge of their lines; without it for as long as a line is active (7-32)."""
@@ -89,8 +91,11 @@ STATE: Final = np.dtype(
         ("writable_words", np.int64),  # the words of ``memory`` behind these are read-only
         # The pipeline: cycles from which on something is free again, and the cache; see ``pipeline``.
         *((name, np.int64) for name in ("pointers_free", "page_free", "stack_free")),
-        *((name, np.int64) for name in ("port_for_fetch", "read_port_before", "write_port_before", "write_port")),
-        *((name, np.int64) for name in ("written_block", "full_block", "full_block_before", "fetched")),
+        *(
+            (name, np.int64)
+            for name in ("port_for_fetch", "read_port_before", "port_for_reads_before", "port_for_reads")
+        ),
+        *((name, np.int64) for name in ("writes", "written_block", "full_block", "full_block_before", "fetched")),
         *((f"{name}{segment}", np.int64) for segment in (0, 1) for name in ("segment", "present")),
     ]
 )
@@ -106,7 +111,7 @@ DECODED: Final = np.dtype(
         *((f"{name}{access}", np.uint8) for access in (0, 1) for name in ("mode", "pointer", "index_register")),
         *((f"sign{access}", np.int8) for access in (0, 1)),
         *((f"{name}{access}", np.int32) for access in (0, 1) for name in ("ahead", "advance")),
-        *((f"moved{access}", np.uint8) for access in (0, 1)),  # the register that gets what the pointer is afterwards
+        *((f"moved{access}", np.uint8) for access in (0, 1)),  # where the pointer goes afterwards, if two move
         *((f"transfer{access}", np.uint8) for access in (0, 1)),
         *((f"shift{access}", np.uint8) for access in (0, 1)),  # 8 for floats: a word is the upper 32 of 40 bits
         *((f"stored{access}", np.uint8) for access in (0, 1)),  # the register that is stored

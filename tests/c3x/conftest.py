@@ -7,8 +7,16 @@ from collections.abc import Callable
 import pytest
 
 from firmware_sim.c3x import isa
+from firmware_sim.c3x.cpu import Cpu
+from firmware_sim.c3x.machine import ON_CHIP
+from firmware_sim.c3x.memory import MemoryMap, Region
 from firmware_sim.c3x.operands import Number
 from firmware_sim.c3x.registers import REGISTER_CODES
+
+BLOCK_0, BLOCK_1 = 0x87FE00, 0x87FF00
+PROGRAM_ON_CHIP = BLOCK_1 + 0x80
+EXTERNAL = 0x1000
+LEAD_IN = "NOP\nNOP\nNOP\nNOP\n"
 
 
 class _Scope:
@@ -48,3 +56,31 @@ def assemble() -> Callable[..., list[int]]:
         return [_word(line, address + offset) for offset, line in enumerate(lines)]
 
     return words
+
+
+@pytest.fixture(scope="session")
+def cost(assemble):
+    """Cycles of a program with the pipeline, less those without it; there are four NOPs on either side of it."""
+
+    def cycles(text, address, status, wait_states, rounds, registers, has_pipeline):
+        memory = MemoryMap((Region(0, 0x20000, wait_states), Region(BLOCK_0, 0x200, ON_CHIP)))
+        cpu = Cpu(memory, has_pipeline=has_pipeline)
+        words = assemble(LEAD_IN + text + "\n" + LEAD_IN, address)
+        cpu.load(words, address)
+        cpu.st = status
+        for _ in range(rounds):
+            cpu.pc = address
+            for name, value in registers.items():
+                cpu.reg[name] = value
+            start = cpu.cycles
+            while cpu.pc != address + len(words):
+                cpu.step()
+        return cpu.cycles - start
+
+    def measure(text, *, address=PROGRAM_ON_CHIP, status=0, wait_states=0, rounds=1, **registers):
+        registers = {"AR0": BLOCK_0, "AR1": BLOCK_0 + 1, "SP": BLOCK_0 + 0x40, **registers}
+        return cycles(text, address, status, wait_states, rounds, registers, True) - cycles(
+            text, address, status, wait_states, rounds, registers, False
+        )
+
+    return measure
