@@ -14,7 +14,7 @@ from itertools import accumulate
 from math import degrees
 
 from firmware_sim.board.sheet import BoardSheet
-from firmware_sim.nav import strapdown
+from firmware_sim.nav import motion
 from firmware_sim.nav.cycle import LATITUDE_UNITS_PER_RAD, LONGITUDE_UNITS_PER_RAD
 
 SYNC = b"\xeb\x90"
@@ -33,7 +33,7 @@ NAVIGATION_WORDS = 25
 MODES = ("standby", "coarse", "fine", "navigate")
 NAVIGATE = MODES.index("navigate")
 
-# Status flags, bit 0 first. The first three are those of strapdown.solution.
+# Status flags, bit 0 first. The first three are those of nav.motion.
 FLAG_LABELS = (
     "gimbal",
     "pole",
@@ -50,7 +50,7 @@ FLAG_LABELS = (
 SAMPLE_LOST, TICK_OVERRUN, SATURATED, CHANNEL_FAULT, FRAME_DROPPED, NO_SAMPLES, POWER_FAILS, WATCHDOG_HAS_BITTEN = (
     1 << bit for bit in range(3, 11)
 )
-assert (strapdown.GIMBAL, strapdown.POLE, strapdown.HEIGHT_RANGE) == (1, 2, 4)
+assert (motion.GIMBAL, motion.POLE, motion.HEIGHT_RANGE) == (1, 2, 4)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from firmware_sim.nav.attitude import (
     azimuth_of,
     matrix_of_quaternion,
     quaternion_of_angles,
-    rotate_by_low_words,
     rotate_quaternion,
 )
 from firmware_sim.nav.earth import EARTH_RATE_RADPS, curvature
@@ -31,15 +30,32 @@ from firmware_sim.nav.elementary import (
     reciprocal,
     sine_cosine_two_word,
 )
+from firmware_sim.nav.motion import COS_LIMIT, POLE, change_of_velocity, limits_of
 from firmware_sim.nav.vector import cross, multiply_two_word, scaled_count, split_count
 
 # Layout of ``scale``: the weight of one count and the sample period, each in two words.
 GYRO_LSB, ACC_LSB, SAMPLE_PERIOD = 0, 2, 4
-# Flags of a solution.
-GIMBAL, POLE, HEIGHT_RANGE = 1, 2, 4
-# cos(89.9 deg): beyond it roll and azimuth, or longitude and wander angle, are no longer separately defined.
-COS_LIMIT = 1.7453283e-3
-HEIGHT_LOW_M, HEIGHT_HIGH_M = -1000.0, 100000.0
+
+
+@kernel
+def place_platform(place: Real[4], C: Real[3, 3], C_low: Real[3, 3]) -> None:
+    """C_pe at a place (latitude, its low word, longitude, its low word [rad]) with a wander angle of zero: p is t."""
+    sin_lat, sin_lat_low, cos_lat, cos_lat_low = sine_cosine_two_word(place[0], place[1])
+    sin_lon, sin_lon_low, cos_lon, cos_lon_low = sine_cosine_two_word(place[2], place[3])
+    C[0, 0] = -sin_lon
+    C_low[0, 0] = -sin_lon_low
+    C[0, 1] = cos_lon
+    C_low[0, 1] = cos_lon_low
+    C[0, 2] = 0.0
+    C_low[0, 2] = 0.0
+    C[1, 0], C_low[1, 0] = multiply_two_word(-sin_lat, -sin_lat_low, cos_lon, cos_lon_low)
+    C[1, 1], C_low[1, 1] = multiply_two_word(-sin_lat, -sin_lat_low, sin_lon, sin_lon_low)
+    C[1, 2] = cos_lat
+    C_low[1, 2] = cos_lat_low
+    C[2, 0], C_low[2, 0] = multiply_two_word(cos_lat, cos_lat_low, cos_lon, cos_lon_low)
+    C[2, 1], C_low[2, 1] = multiply_two_word(cos_lat, cos_lat_low, sin_lon, sin_lon_low)
+    C[2, 2] = sin_lat
+    C_low[2, 2] = sin_lat_low
 
 
 @kernel
@@ -61,22 +77,7 @@ def initialise(
 ) -> None:
     """Set the states from a place (latitude, its low word, longitude, its low word [rad]), a velocity in t and
     (pitch, roll, azimuth) in two words. The wander angle starts at zero: p is t."""
-    sin_lat, sin_lat_low, cos_lat, cos_lat_low = sine_cosine_two_word(place[0], place[1])
-    sin_lon, sin_lon_low, cos_lon, cos_lon_low = sine_cosine_two_word(place[2], place[3])
-    C[0, 0] = -sin_lon
-    C_low[0, 0] = -sin_lon_low
-    C[0, 1] = cos_lon
-    C_low[0, 1] = cos_lon_low
-    C[0, 2] = 0.0
-    C_low[0, 2] = 0.0
-    C[1, 0], C_low[1, 0] = multiply_two_word(-sin_lat, -sin_lat_low, cos_lon, cos_lon_low)
-    C[1, 1], C_low[1, 1] = multiply_two_word(-sin_lat, -sin_lat_low, sin_lon, sin_lon_low)
-    C[1, 2] = cos_lat
-    C_low[1, 2] = cos_lat_low
-    C[2, 0], C_low[2, 0] = multiply_two_word(cos_lat, cos_lat_low, cos_lon, cos_lon_low)
-    C[2, 1], C_low[2, 1] = multiply_two_word(cos_lat, cos_lat_low, sin_lon, sin_lon_low)
-    C[2, 2] = sin_lat
-    C_low[2, 2] = sin_lat_low
+    place_platform(place, C, C_low)
     quaternion_of_angles(attitude_rad, attitude_low_rad, q, q_low)
     for i in range(3):
         velocity_p_mps[i] = velocity_t_mps[i]
@@ -150,6 +151,14 @@ def increments_of(
 
 
 @kernel
+def external_climb(climb_mps: float, velocity_mps: Real[3]) -> float:
+    """Take the external climb rate as it comes for the vertical velocity; gives that of mid-interval."""
+    mid_mps = 0.5 * (velocity_mps[2] + climb_mps)
+    velocity_mps[2] = climb_mps
+    return mid_mps
+
+
+@kernel
 def turn_position(C: Real[3, 3], C_low: Real[3, 3], angle_x_rad: float, angle_y_rad: float) -> None:
     """C <- (I - W + W^2/2) C with W = [angle x], angle_z = 0: the solution of dC/dt = -[w_ep x] C over the step."""
     for j in range(3):
@@ -159,6 +168,81 @@ def turn_position(C: Real[3, 3], C_low: Real[3, 3], angle_x_rad: float, angle_y_
         C[0, j], C_low[0, j] = add_two_word(C[0, j], C_low[0, j], -angle_y_rad * half_z)
         C[1, j], C_low[1, j] = add_two_word(C[1, j], C_low[1, j], angle_x_rad * half_z)
         C[2, j], C_low[2, j] = add_two_word(C[2, j], C_low[2, j], angle_y_rad * half_x - angle_x_rad * half_y)
+
+
+@kernel
+def advance(
+    duration_s: float,
+    climb_mps: float,
+    height_m: float,
+    rotation_rad: Real[3],
+    dv_b_mps: Real[3],
+    q: Real[4],
+    q_low: Real[4],
+    velocity_p_mps: Real[3],
+    velocity_low_mps: Real[3],
+    velocity_change_mps: Real[3],
+    C: Real[3, 3],
+    C_low: Real[3, 3],
+    quaternion_carry: Real[3],
+) -> float:
+    """Attitude, horizontal velocity and position over a step, with the climb and the height of mid-interval.
+
+    Gives the vertical change of velocity without gravity [m/s], for a vertical channel that wants it.
+    """
+    earth_radps = zeros(3)
+    rate_ip_radps = zeros(3)
+    mid_mps = zeros(3)
+    platform_rad = zeros(3)
+    T = zeros(3, 3)
+    T_low = zeros(3, 3)
+
+    # Rates of the platform at mid-interval.
+    half_s = 0.5 * duration_s
+    mid_x = velocity_p_mps[0] + 0.5 * velocity_change_mps[0]
+    mid_y = velocity_p_mps[1] + 0.5 * velocity_change_mps[1]
+    inverse_tau, inverse_ryp, inverse_rxp = curvature(C[0, 2], C[1, 2], C[2, 2], height_m)
+    # w_ep; its z is zero by definition of the wander-azimuth platform.
+    rate_x = -mid_x * inverse_tau - mid_y * inverse_ryp
+    rate_y = mid_x * inverse_rxp + mid_y * inverse_tau
+    axis_x = C[0, 2] - half_s * rate_y * C[2, 2]
+    axis_y = C[1, 2] + half_s * rate_x * C[2, 2]
+    axis_z = C[2, 2] + half_s * (rate_y * C[0, 2] - rate_x * C[1, 2])
+    earth_radps[0] = EARTH_RATE_RADPS * axis_x
+    earth_radps[1] = EARTH_RATE_RADPS * axis_y
+    earth_radps[2] = EARTH_RATE_RADPS * axis_z
+    rate_ip_radps[0] = earth_radps[0] + rate_x
+    rate_ip_radps[1] = earth_radps[1] + rate_y
+    rate_ip_radps[2] = earth_radps[2]
+    mid_mps[0] = mid_x
+    mid_mps[1] = mid_y
+    mid_mps[2] = climb_mps
+    lift_mps = change_of_velocity(
+        duration_s,
+        earth_radps,
+        rate_ip_radps,
+        mid_mps,
+        dv_b_mps,
+        q,
+        q_low,
+        T,
+        T_low,
+        platform_rad,
+        velocity_change_mps,
+    )
+
+    # Position with the mean of old and new velocity.
+    mean_x = velocity_p_mps[0] + (velocity_low_mps[0] + 0.5 * velocity_change_mps[0])
+    mean_y = velocity_p_mps[1] + (velocity_low_mps[1] + 0.5 * velocity_change_mps[1])
+    mean_rate_x = -mean_x * inverse_tau - mean_y * inverse_ryp
+    mean_rate_y = mean_x * inverse_rxp + mean_y * inverse_tau
+    turn_position(C, C_low, duration_s * mean_rate_x, duration_s * mean_rate_y)
+    for i in range(2):
+        velocity_p_mps[i], velocity_low_mps[i] = add_two_word(
+            velocity_p_mps[i], velocity_low_mps[i], velocity_change_mps[i]
+        )
+    rotate_quaternion(q, q_low, rotation_rad, quaternion_carry, platform_rad)
+    return lift_mps
 
 
 @kernel
@@ -184,67 +268,28 @@ def step(
 
     ``velocity_change_mps`` keeps the last change of velocity: the velocity at mid-interval is extrapolated with it.
     The carries keep what rounding dropped from the body's rotation and velocity increment and from the rotation's
-    half in the quaternion.
+    half in the quaternion. The vertical channel is external: height and climb of the cycle's end.
     """
     rotation_rad = zeros(3)
-    dv_b = zeros(3)
-    dv_p = zeros(3)
-    rate_ip = zeros(3)
-    platform_rad = zeros(3)
-    T = zeros(3, 3)
-    T_low = zeros(3, 3)
-    duration_s = increments_of(sums, n1, n2, scale, rotation_rad, rotation_carry_rad, dv_b, velocity_carry_mps)
-
-    # Rates of the platform at mid-interval; height and climb come from its end.
-    half_s = 0.5 * duration_s
-    mid_x = velocity_p_mps[0] + 0.5 * velocity_change_mps[0]
-    mid_y = velocity_p_mps[1] + 0.5 * velocity_change_mps[1]
-    mid_z = 0.5 * (velocity_p_mps[2] + climb_mps)
-    velocity_p_mps[2] = climb_mps
-    inverse_tau, inverse_ryp, inverse_rxp = curvature(C[0, 2], C[1, 2], C[2, 2], height_m - half_s * mid_z)
-    # w_ep; its z is zero by definition of the wander-azimuth platform.
-    rate_x = -mid_x * inverse_tau - mid_y * inverse_ryp
-    rate_y = mid_x * inverse_rxp + mid_y * inverse_tau
-    axis_x = C[0, 2] - half_s * rate_y * C[2, 2]
-    axis_y = C[1, 2] + half_s * rate_x * C[2, 2]
-    axis_z = C[2, 2] + half_s * (rate_y * C[0, 2] - rate_x * C[1, 2])
-    earth_x = EARTH_RATE_RADPS * axis_x
-    earth_y = EARTH_RATE_RADPS * axis_y
-    earth_z = EARTH_RATE_RADPS * axis_z
-    rate_ip[0] = earth_x + rate_x
-    rate_ip[1] = earth_y + rate_y
-    rate_ip[2] = earth_z
-    for i in range(3):
-        platform_rad[i] = duration_s * rate_ip[i]
-
-    # Specific force in the platform of mid-interval: T of the start, turned back by half the platform's rotation.
-    matrix_of_quaternion(q, T, T_low)
-    for i in range(3):
-        dv_p[i] = (
-            (T[i, 0] * dv_b[0] + T[i, 1] * dv_b[1] + T[i, 2] * dv_b[2])
-            + (T_low[i, 0] * dv_b[0] + T_low[i, 1] * dv_b[1] + T_low[i, 2] * dv_b[2])
-        )  # fmt: skip
-    rotate_by_low_words(q, q_low, dv_p)
-    force_x = dv_p[0] - 0.5 * (platform_rad[1] * dv_p[2] - platform_rad[2] * dv_p[1])
-    force_y = dv_p[1] - 0.5 * (platform_rad[2] * dv_p[0] - platform_rad[0] * dv_p[2])
-
-    # Coriolis: (2 w_ie + w_ep) x V = (w_ie + w_ip) x V.
-    coriolis_x = (earth_y + rate_ip[1]) * mid_z - (earth_z + rate_ip[2]) * mid_y
-    coriolis_y = (earth_z + rate_ip[2]) * mid_x - (earth_x + rate_ip[0]) * mid_z
-    velocity_change_mps[0] = force_x - duration_s * coriolis_x
-    velocity_change_mps[1] = force_y - duration_s * coriolis_y
-
-    # Position with the mean of old and new velocity.
-    mean_x = velocity_p_mps[0] + (velocity_low_mps[0] + 0.5 * velocity_change_mps[0])
-    mean_y = velocity_p_mps[1] + (velocity_low_mps[1] + 0.5 * velocity_change_mps[1])
-    mean_rate_x = -mean_x * inverse_tau - mean_y * inverse_ryp
-    mean_rate_y = mean_x * inverse_rxp + mean_y * inverse_tau
-    turn_position(C, C_low, duration_s * mean_rate_x, duration_s * mean_rate_y)
-    for i in range(2):
-        velocity_p_mps[i], velocity_low_mps[i] = add_two_word(
-            velocity_p_mps[i], velocity_low_mps[i], velocity_change_mps[i]
-        )
-    rotate_quaternion(q, q_low, rotation_rad, quaternion_carry, platform_rad)
+    dv_b_mps = zeros(3)
+    duration_s = increments_of(sums, n1, n2, scale, rotation_rad, rotation_carry_rad, dv_b_mps, velocity_carry_mps)
+    mid_z = external_climb(climb_mps, velocity_p_mps)
+    mid_height_m = height_m - 0.5 * duration_s * mid_z
+    _lift_mps = advance(
+        duration_s,
+        mid_z,
+        mid_height_m,
+        rotation_rad,
+        dv_b_mps,
+        q,
+        q_low,
+        velocity_p_mps,
+        velocity_low_mps,
+        velocity_change_mps,
+        C,
+        C_low,
+        quaternion_carry,
+    )
 
 
 @kernel
@@ -287,11 +332,7 @@ def solution(
     velocity_t_mps[1] = velocity_p_mps[0] * sin_wander + velocity_p_mps[1] * cos_wander
     velocity_t_mps[2] = velocity_p_mps[2]
 
-    flags = 0
-    if cos_pitch < COS_LIMIT:
-        flags = flags | GIMBAL
+    flags = limits_of(cos_pitch, height_m)
     if cos_lat < COS_LIMIT:
         flags = flags | POLE
-    if height_m < HEIGHT_LOW_M or height_m > HEIGHT_HIGH_M:
-        flags = flags | HEIGHT_RANGE
     return flags

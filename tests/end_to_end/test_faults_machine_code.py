@@ -23,7 +23,7 @@ from firmware_sim.firmware.native import NativeProcessor
 from firmware_sim.firmware.solver import Solver
 from firmware_sim.kernels.lower_numba import C3X
 from firmware_sim.kernels.target import build_target
-from firmware_sim.nav import elementary, strapdown
+from firmware_sim.nav import elementary, motion
 from firmware_sim.plant.scenario import load_scenario
 from tests.end_to_end.test_equal_engines import sent_by, without_the_measured_field
 from tests.firmware.conftest import START, Target, frames_of, random_samples
@@ -43,13 +43,13 @@ def records_of(sent: bytes) -> list[dict[str, int]]:
 # Scenario, flag of every frame, and how far the attitude may be from that of ``double``, arcmin. Near +-90 deg roll and
 # azimuth come from elements of the matrix that are all but zero, each rounded by itself.
 PLACES = {
-    "near the pole": ("[start]\nlat_deg = 89.95\n[motion]\nspeed_mps = 50\ncourse_deg = 30\n", strapdown.POLE, 0.05),
-    "over the pole": ("[start]\nlat_deg = 89.9995\n[motion]\nspeed_mps = 10\ncourse_deg = 0\n", strapdown.POLE, 0.05),
-    "south pole": ("[start]\nlat_deg = -89.99\n[motion]\nspeed_mps = 50\ncourse_deg = 200\n", strapdown.POLE, 0.05),
-    "nose up": ("[attitude]\npitch_deg = 89.95\nheading_deg = 30\n", strapdown.GIMBAL, 0.5),
-    "nose straight down": ("[attitude]\npitch_deg = -90\nheading_deg = 30\n", strapdown.GIMBAL, 180.0 * 60.0),
-    "too high": ("[start]\nheight_m = 100000\n[motion]\nclimb_mps = 100\n", strapdown.HEIGHT_RANGE, 0.05),
-    "too low": ("[start]\nheight_m = -1000\n[motion]\nclimb_mps = -100\n", strapdown.HEIGHT_RANGE, 0.05),
+    "near the pole": ("[start]\nlat_deg = 89.95\n[motion]\nspeed_mps = 50\ncourse_deg = 30\n", motion.POLE, 0.05),
+    "over the pole": ("[start]\nlat_deg = 89.9995\n[motion]\nspeed_mps = 10\ncourse_deg = 0\n", motion.POLE, 0.05),
+    "south pole": ("[start]\nlat_deg = -89.99\n[motion]\nspeed_mps = 50\ncourse_deg = 200\n", motion.POLE, 0.05),
+    "nose up": ("[attitude]\npitch_deg = 89.95\nheading_deg = 30\n", motion.GIMBAL, 0.5),
+    "nose straight down": ("[attitude]\npitch_deg = -90\nheading_deg = 30\n", motion.GIMBAL, 180.0 * 60.0),
+    "too high": ("[start]\nheight_m = 100000\n[motion]\nclimb_mps = 100\n", motion.HEIGHT_RANGE, 0.05),
+    "too low": ("[start]\nheight_m = -1000\n[motion]\nclimb_mps = -100\n", motion.HEIGHT_RANGE, 0.05),
 }
 
 
@@ -78,7 +78,7 @@ def test_out_of_range_is_flagged_and_the_solution_does_not_diverge(tmp_path: Pat
 def test_the_attitude_is_good_again_behind_the_gimbal_flag(tmp_path: Path) -> None:
     text = "[attitude]\npitch_deg = 85\nheading_deg = 30\n[sway]\npitch_deg = 4.97\npitch_period_s = 13.3333333333\n"
     report, sent = fly(text, tmp_path, "iss")
-    flagged = [bool(record["flags"] & strapdown.GIMBAL) for record in records_of(sent)]
+    flagged = [bool(record["flags"] & motion.GIMBAL) for record in records_of(sent)]
     assert any(flagged)
     assert not flagged[0]
     assert not flagged[-1]

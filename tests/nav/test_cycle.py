@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from firmware_sim.firmware.solver import Solver, Start
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, Machine
-from firmware_sim.nav.strapdown import POLE
+from firmware_sim.nav.motion import POLE
 
 Floats = NDArray[np.float64]
 SolutionOf = Callable[[Solver], Floats]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_sim.nav.strapdown import COS_LIMIT, GIMBAL, HEIGHT_RANGE, POLE
+from firmware_sim.nav.motion import COS_LIMIT, GIMBAL, HEIGHT_RANGE, POLE
 
 Floats = NDArray[np.float64]
 
