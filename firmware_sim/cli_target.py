@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import functools
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +16,7 @@ from firmware_sim.errors import UsageError
 if TYPE_CHECKING:
     from firmware_sim.bench import Flight
     from firmware_sim.report import Report
+    from firmware_sim.toolchain.expressions import Value
     from firmware_sim.toolchain.image import Image
     from firmware_sim.value_changes import ValueChanges
 
@@ -33,6 +35,27 @@ def add_commands(commands: Any) -> None:
     asm.add_argument("sources", nargs="+", metavar="SRC.asm", help="sources; they share what they declare .global")
     asm.add_argument("-o", dest="output", metavar="IMAGE.out", required=True, help="the image, in COFF2")
     asm.add_argument("--listing", metavar="FILE", help="write addresses, words and cycles beside the source")
+    asm.add_argument(
+        "-I",
+        dest="include_folders",
+        metavar="FOLDER",
+        action="append",
+        default=[],
+        help="where included files are looked for, after the folder of the source; may be repeated",
+    )
+    asm.add_argument(
+        "-D",
+        dest="definitions",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="an integer for a name that the sources do not define, 1 without =VALUE; may be repeated",
+    )
+    asm.add_argument(
+        "--allow-undefined",
+        action="store_true",
+        help="take names that are declared and defined nowhere as 0, and say which: for a part of a program",
+    )
     debug = commands.add_parser(
         "debug",
         help="step through an image",
@@ -125,11 +148,46 @@ def _asm(options: argparse.Namespace) -> int:
     from firmware_sim.toolchain.coff import write_coff
     from firmware_sim.toolchain.listing import listing
 
-    image = assemble_files([Path(source) for source in options.sources])
+    image = assemble_files(
+        [Path(source) for source in options.sources],
+        defines=dict(_definition(text) for text in options.definitions),
+        include_folders=[_folder(name) for name in options.include_folders],
+        is_complete=not options.allow_undefined,
+    )
+    if image.unresolved:
+        sys.stderr.write(f"firmware-sim: undefined and taken as 0: {', '.join(image.unresolved)}\n")
     write_file(options.output, write_coff(image))
     if options.listing:
         write_file(options.listing, listing(image).encode())
     return FINE
+
+
+def _definition(text: str) -> tuple[str, int]:
+    """The name and the integer of -D. Raises UsageError."""
+    from firmware_sim.toolchain.expressions import evaluate
+    from firmware_sim.toolchain.functions import NAME
+
+    name, equals, value = text.partition("=")
+    refusal = UsageError(f"-D {text}: expected a name, = and an integer")
+    if re.fullmatch(NAME, name) is None:
+        raise refusal
+    try:
+        number = evaluate(value if equals else "1", _no_name).number
+    except UsageError:
+        raise refusal from None
+    if not isinstance(number, int):
+        raise refusal
+    return name, number
+
+
+def _no_name(name: str) -> Value:
+    raise UsageError(f"a number was expected, found the name {name}")
+
+
+def _folder(name: str) -> Path:
+    if not Path(name).is_dir():
+        raise UsageError(f"-I {name}: expected a folder, found none")
+    return Path(name)
 
 
 def _dis(options: argparse.Namespace) -> int:

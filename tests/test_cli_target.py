@@ -58,6 +58,52 @@ def test_sources_of_one_image_share_their_names(tmp_path: Path) -> None:
     assert read_coff(path.read_bytes(), "both.out").sections[".text"].words == [0x60000001, 0x0C800000]
 
 
+def test_asm_takes_folders_and_definitions(tmp_path: Path) -> None:
+    folders = [tmp_path / "one", tmp_path / "two"]
+    for folder in folders:
+        folder.mkdir()
+    (folders[0] / "ports.equ").write_text("PORT .set 7\n")
+    (folders[1] / "size.equ").write_text("SIZE .set 9\n")
+    source, path = tmp_path / "main.asm", tmp_path / "main.out"
+    source.write_text(
+        "        .include ports.equ\n        .include size.equ\n"
+        "        .if DEBUG\n        LDI PORT,R0\n        .endif\n        LDI SIZE+RATE,R1\n"
+    )
+    options = [*(text for folder in folders for text in ("-I", str(folder))), "-D", "DEBUG", "-DRATE=0FFh"]
+    assert cli.main(["asm", str(source), "-o", str(path), *options]) == 0
+    assert read_coff(path.read_bytes(), "main.out").sections[".text"].words == [0x0860_0007, 0x0861_0108]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["-D", "5=1"], "-D 5=1: expected a name, = and an integer"),
+        (["-D", "A="], "-D A=: expected a name, = and an integer"),
+        (["-D", "A=B"], "-D A=B: expected a name, = and an integer"),
+        (["-D", "A=1.5"], "-D A=1.5: expected a name, = and an integer"),
+        (["-I", "nowhere"], "-I nowhere: expected a folder, found none"),
+    ],
+)
+def test_options_of_asm_that_say_nothing_are_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, options: list[str], sentence: str
+) -> None:
+    source = tmp_path / "program.asm"
+    source.write_text(PROGRAM)
+    status, said = status_and_sentence(capsys, "asm", source, "-o", tmp_path / "program.out", *options)
+    assert (status, said) == (2, f"firmware-sim: {sentence}\n")
+
+
+def test_a_part_of_a_program_can_be_assembled_alone(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    source, path = tmp_path / "part.asm", tmp_path / "part.out"
+    source.write_text("        .ref there, table\n        .text\n        CALL there\n        LDI @table,R0\n")
+    status, said = status_and_sentence(capsys, "asm", source, "-o", path)
+    assert status == 2
+    assert f"{source}:3:14: a defined name was expected, found there" in said
+    status, said = status_and_sentence(capsys, "asm", source, "-o", path, "--allow-undefined")
+    assert (status, said) == (0, "firmware-sim: undefined and taken as 0: table, there\n")
+    assert read_coff(path.read_bytes(), "part.out").sections[".text"].words == [0x6200_0000, 0x0820_0000]
+
+
 def test_dis_prints_the_instructions(capsys: pytest.CaptureFixture[str], image: Path) -> None:
     assert cli.main(["dis", str(image)]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]

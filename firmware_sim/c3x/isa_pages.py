@@ -44,7 +44,7 @@ UNPLACED: Final = {
     ),
     **dict.fromkeys(
         ("LDF||LDF", "LDF||STF", "LDFI", "LDF{c}", "LDI", "LDI||LDI", "LDI||STI", "LDII", "LDI{c}", "LDM", "LDP"),
-        "between pages 114 and 135, none of which was read: some take two pages, and the order of the pairs is not known",
+        "between pages 114 and 135, none of which was read: some take two pages; the order of the pairs is not known",
     ),
     **dict.fromkeys(
         ("RPTS", "SIGI", "STF", "STF||STF", "STFI", "STI", "STI||STI", "STII"),

@@ -1,8 +1,7 @@
 """The rows of the instruction table that are one operation: one function per shape of instruction, then the names.
 
 The bits of a shape are those of SPRU031 section 13.4; ``page`` is the printed page of chapter 13 on which the
-description of an instruction begins, where that is known (see ``isa_pages``). Cycles are the manual's, without conflicts
-in the pipeline.
+description of an instruction begins, as far as ``isa_pages`` knows it. Cycles are the manual's, without conflicts.
 """
 
 from __future__ import annotations

@@ -42,10 +42,14 @@ class OperandError(UsageError):
 
 
 class Number(NamedTuple):
-    """The value of an expression; an address moves with its section, a constant does not."""
+    """The value of an expression; an address moves with its section, a constant does not.
+
+    For an unknown address, one that another program will define, the value is none yet: 0 and what is added to it.
+    """
 
     value: int | float
     is_address: bool = False
+    is_unknown: bool = False
 
 
 class Scope(Protocol):

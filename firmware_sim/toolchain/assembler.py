@@ -75,12 +75,13 @@ def assemble_files(
     addresses: Mapping[str, int] | None = None,
     defines: Mapping[str, int] | None = None,
     include_folders: Sequence[Path] = (),
+    is_complete: bool = True,
 ) -> AssembledImage:
     """Assemble source files and link them; they share what they declare with .global or .def. As ``assemble``.
 
-    But here every name must be defined.
+    But every name must be defined, unless the sources are said not to be a complete program.
     """
-    program = Program(defines or {}, is_complete=True)
+    program = Program(defines or {}, is_complete)
     errors = ErrorLog()
     modules = []
     for path in paths:

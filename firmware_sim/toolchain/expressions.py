@@ -56,6 +56,8 @@ _DEEPEST: Final = 100
 
 ABSOLUTE: Final = object()
 """The section of every address once sections are placed: addresses are numbers then."""
+UNKNOWN: Final = object()
+"""The section of an address for which 0 stands, because nobody defines its name."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,7 @@ class _Reader:
         return Value(wrapped(number) if isinstance(number, int) else number, section)
 
     def _constant(self, value: Value) -> int | float:
-        if value.section not in (None, ABSOLUTE):
+        if value.section not in (None, ABSOLUTE, UNKNOWN):
             raise OperandError(f"a constant was expected in {self.text}, found an address")
         return value.number
 

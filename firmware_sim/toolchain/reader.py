@@ -99,6 +99,7 @@ class SourceReader:
             ".include": self._include,
             ".copy": self._include,
             ".break": self._break,
+            ".mlib": self._mlib,
         }
 
     def read(self, name: str, text: str, path: Path | None = None) -> None:
@@ -278,6 +279,11 @@ class SourceReader:
         self._owner.new_local_block()
         self.read(str(path), read_source(path), path)
         self._owner.new_local_block()
+
+    def _mlib(self, line: SourceLine, fields: Fields) -> None:
+        raise SourceError(
+            "macros from a file of .include were expected, found a library of them (.mlib)", fields.operation
+        )
 
 
 def _find(folder: Path, name: str) -> Path | None:

@@ -10,7 +10,7 @@ from typing import Final
 from firmware_sim.c3x.operands import Number, OperandError
 from firmware_sim.c3x.registers import FLOAT_ALIASES, REGISTER_CODES
 from firmware_sim.toolchain.diagnostics import SourceError
-from firmware_sim.toolchain.expressions import ABSOLUTE, Value, evaluate
+from firmware_sim.toolchain.expressions import ABSOLUTE, UNKNOWN, Value, evaluate
 from firmware_sim.toolchain.sections import Part
 
 PREDEFINED: Final = {
@@ -120,7 +120,7 @@ class Context:
     def evaluate(self, text: str) -> Number:
         """Value of an expression, as an operand needs it. Raises OperandError."""
         value = self.value(text)
-        return Number(value.number, is_address=value.section is not None)
+        return Number(value.number, is_address=value.section is not None, is_unknown=value.section is UNKNOWN)
 
     def value(self, text: str, depth: int = 0) -> Value:
         """Value of an expression. Raises OperandError: unknown names, or what no expression is."""
@@ -163,7 +163,7 @@ class Context:
             raise OperandError(f"a number or an address was expected, found register {name}")
         if program.is_placed and not program.is_complete and name in self.symbols.exported:
             program.unresolved.add(name)
-            return Value(0, ABSOLUTE)
+            return Value(0, UNKNOWN)
         raise OperandError(f"a defined name was expected, found {name}")
 
     def _address(self, label: Label) -> Value:

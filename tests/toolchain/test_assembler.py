@@ -292,6 +292,21 @@ def test_names_given_from_outside() -> None:
     assert text(" CALL _ext\n .if DEBUG\n NOP\n .endif\n", defines={"_ext": 0x4000, "DEBUG": 0}) == [0x6200_4000]
 
 
+@pytest.mark.parametrize("statement", ["B ext", "BZD ext", "CALLNZ ext", "DBNZ AR0,ext+1", "B ext-4"])
+def test_a_branch_to_what_nobody_defines_is_never_too_far(statement: str) -> None:
+    """The distance is left 0, as the address would be."""
+    image = assemble(f" .ref ext\n {statement}\n .space 40000\n {statement}\n")
+    words = image.sections[".text"].words
+    assert words[0] == words[-1]
+    assert words[0] & 0xFFFF == 0
+    assert image.unresolved == ("ext",)
+
+
+def test_what_nobody_defines_counts_as_zero() -> None:
+    image = assemble(" .ref ext\n .word ext+5, ext-here, ext*2\nhere CALL ext\n LDP ext\n", addresses={".text": 0x100})
+    assert image.sections[".text"].words[:4] == [5, 0xFFFF_FEFD, 0, 0x6200_0000]
+
+
 def test_entry_is_the_c_start_or_the_first_instruction() -> None:
     assert assemble(" NOP\n .global _c_int00\n_c_int00 NOP\n").entry == 1
     assert assemble(" .data\n .word 1\n").entry is None
@@ -330,6 +345,7 @@ def test_files_must_be_complete(tmp_path: Path) -> None:
     path = write(tmp_path, "one.asm", " .ref f\n CALL f\n")
     with pytest.raises(AssemblyError, match=r"one.asm:2:7: a defined name was expected, found f"):
         assemble_files([path])
+    assert assemble_files([path], is_complete=False).unresolved == ("f",)
     with pytest.raises(AssemblyError, match="a readable source was expected"):
         assemble_files([tmp_path / "none.asm"])
     twice = write(tmp_path, "two.asm", " .def g\ng NOP\n")
