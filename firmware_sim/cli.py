@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
-from firmware_sim import cli_firmware, cli_target
+from firmware_sim import cli_firmware, cli_study, cli_target
 from firmware_sim.errors import UsageError
 
 if TYPE_CHECKING:
@@ -137,6 +137,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--max-wall", type=_positive, metavar="S", help="give up (status 5) after so many real seconds")
     cli_target.add_commands(commands)
     cli_firmware.add_commands(commands)
+    cli_study.add_commands(commands)
     return parser
 
 

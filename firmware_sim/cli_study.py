@@ -1,0 +1,108 @@
+"""The commands that answer questions with figures and tables: ``study``."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from firmware_sim.errors import UsageError
+
+if TYPE_CHECKING:
+    from firmware_sim.studies.outcome import Outcome, Settings, Study
+
+FINE = 0
+_LONGEST_S = 1e6
+_SECONDS_BETWEEN_LINES = 10.0
+
+
+def add_commands(commands: Any) -> None:
+    """Add the commands to argparse's subparsers."""
+    study = commands.add_parser(
+        "study",
+        help="answer a question about the navigator with figures and a table",
+        description="Run a study (docs/studies) and write its text, its tables as CSV and its figures as PNG.",
+    )
+    study.set_defaults(command=_study)
+    study.add_argument("name", metavar="NAME", help="the study; without a known name all are listed")
+    _add_output(study)
+    study.add_argument("--scenario", metavar="SCENARIO", help="another scenario, for a study that takes one")
+    study.add_argument("--recorded", metavar="FILE.csv", help="a recorded line to lay over the curves (mil)")
+
+
+def _add_output(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-o", dest="output", metavar="DIR", required=True, help="folder of what is written; made")
+    parser.add_argument("--duration", type=float, metavar="S", help="seconds of flight, instead of the usual ones")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the sensor errors (0)")
+
+
+def _settings(options: argparse.Namespace, study: Study) -> Settings:
+    from firmware_sim.studies.outcome import Settings
+
+    for name in ("scenario", "recorded"):
+        if getattr(options, name) is not None and name not in study.options:
+            raise UsageError(f"--{name}: expected with a study that takes one, found the study {study.name}")
+    recorded = None if options.recorded is None else Path(options.recorded)
+    return Settings(checked_duration_s(options.duration), checked_seed(options.seed), options.scenario, recorded)
+
+
+def checked_duration_s(duration_s: float | None) -> float | None:
+    """A duration from the command line. Raises UsageError."""
+    if duration_s is not None and not 0.0 < duration_s <= _LONGEST_S:
+        found = "no number" if math.isnan(duration_s) else f"{duration_s:g}"
+        raise UsageError(f"--duration: expected a number above 0 and at most {_LONGEST_S:g} s, found {found}")
+    return duration_s
+
+
+def checked_seed(seed: int) -> int:
+    """A seed from the command line. Raises UsageError."""
+    if seed < 0:
+        raise UsageError(f"--seed: expected a whole number, 0 or above, found {seed}")
+    return seed
+
+
+def _study(options: argparse.Namespace) -> int:
+    from firmware_sim.studies.catalogue import find_study
+
+    study = find_study(options.name)
+    settings = _settings(options, study)
+    progress = Progress()
+    try:
+        outcome = study.run(settings, progress.show)
+    finally:
+        progress.clear()
+    return _finish(outcome, study.name, Path(options.output))
+
+
+def _finish(outcome: Outcome, name: str, directory: Path) -> int:
+    from firmware_sim.studies.outcome import write_outcome
+
+    paths = write_outcome(outcome, name, directory)
+    sys.stdout.write(outcome.text())
+    sys.stdout.write("\n" + "".join(f"written: {path}\n" for path in paths))
+    return FINE
+
+
+class Progress:
+    """One line on a terminal that is written over; elsewhere a line every ten seconds."""
+
+    def __init__(self) -> None:
+        self._is_terminal = sys.stderr.isatty()
+        self._shown_s = time.monotonic()
+
+    def show(self, text: str) -> None:
+        """Say how far it is."""
+        if self._is_terminal:
+            sys.stderr.write(f"\r{text}\x1b[K")
+            sys.stderr.flush()
+        elif time.monotonic() - self._shown_s >= _SECONDS_BETWEEN_LINES:
+            self._shown_s = time.monotonic()
+            sys.stderr.write(f"firmware-sim: {text}\n")
+
+    def clear(self) -> None:
+        """Take the line away."""
+        if self._is_terminal:
+            sys.stderr.write("\r\x1b[K")
