@@ -33,7 +33,7 @@ _STYLE = {
 
 @dataclass(frozen=True)
 class Curve:
-    """One line, or points where ``style`` says so (matplotlib's words, such as ``--`` or ``o``).
+    """One line, or points where ``style`` says so (matplotlib's words, such as ``--`` or ``o``; ``k`` before: black).
 
     ``colour`` is a number of ``COLOURS``, None for the next one; ``emphasis`` a width relative to the others.
     """
@@ -138,9 +138,9 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
         axes.plot(
             curve.x[::stride],
             curve.y[::stride],
-            curve.style,
+            curve.style.removeprefix("k"),
             label=curve.label or None,
-            color=COLOURS[(number if curve.colour is None else curve.colour) % len(COLOURS)],
+            color=_colour(curve, number),
             linewidth=1.2 * curve.emphasis,
             markersize=5,
         )
@@ -155,6 +155,12 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
         axes.annotate(text, (x, y), textcoords="offset points", xytext=(6, 6), fontsize="small")
     if any(curve.label for curve in panel.curves):
         axes.legend(loc="best", fontsize="small")
+
+
+def _colour(curve: Curve, number: int) -> str:
+    if curve.style.startswith("k"):
+        return "black"
+    return COLOURS[(number if curve.colour is None else curve.colour) % len(COLOURS)]
 
 
 def _bar_figure(pyplot: Any, bars: Bars) -> Any:
