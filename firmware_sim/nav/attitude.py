@@ -40,12 +40,25 @@ def rotation_less_one(rotation_rad: Real[3], carry: Real[3], quaternion: Real[4]
     """
     square = rotation_rad[0] * rotation_rad[0] + rotation_rad[1] * rotation_rad[1] + rotation_rad[2] * rotation_rad[2]
     quaternion[0] = square * (square * (1.0 / 384.0 - square * (1.0 / 46080.0)) - 0.125)
-    # sin(|r|/2)/|r| = 1/2 - shortfall: 1/2 is exact in both factors, so nearly nothing is cut.
-    shortfall = square * (1.0 / 48.0 - square * (1.0 / 3840.0))
+    half_of(rotation_rad, square * (1.0 / 48.0 - square * (1.0 / 3840.0)), carry, quaternion)
+
+
+@kernel
+def half_of(rotation_rad: Real[3], shortfall: float, carry: Real[3], quaternion: Real[4]) -> None:
+    """The vector part of ``quaternion``: (1/2 - shortfall) r, for sin(|r|/2)/|r| = 1/2 - shortfall."""
+    # 1/2 is exact in both factors, so nearly nothing is cut.
     for i in range(3):
         dropped = carry[i]
         quaternion[i + 1] = 0.5 * rotation_rad[i] - (shortfall * rotation_rad[i] - dropped)
         carry[i] = (0.5 * rotation_rad[i] - quaternion[i + 1]) - (shortfall * rotation_rad[i] - dropped)
+
+
+@kernel
+def correction_of_norm(q: Real[4], q_low: Real[4]) -> float:
+    """-(|q|^2 - 1)/2 from both words: times q it brings the norm back, with one step's delay, and never accumulates."""
+    excess = (q[0] * q[0] - 1.0) + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    low_part = q[0] * q_low[0] + q[1] * q_low[1] + q[2] * q_low[2] + q[3] * q_low[3]
+    return -0.5 * excess - low_part
 
 
 @kernel
@@ -70,12 +83,28 @@ def rotate_quaternion(
     for i in range(4):
         turned[i] = q[i] + r[i]
     quaternion_product(pi, turned, change)
-    # |q|^2 - 1 from both words; the correction acts with one step's delay and never accumulates.
-    excess = (q[0] * q[0] - 1.0) + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-    low_part = q[0] * q_low[0] + q[1] * q_low[1] + q[2] * q_low[2] + q[3] * q_low[3]
-    correction = -0.5 * excess - low_part
+    correction = correction_of_norm(q, q_low)
     for i in range(4):
         q[i], q_low[i] = add_two_word(q[i], q_low[i], r[i] + (change[i] + correction * q[i]))
+
+
+@kernel
+def turn_quaternion(q: Real[4], q_low: Real[4], rotation_rad: Real[3], carry: Real[3]) -> None:
+    """Turn q by one rotation r of the body against q's frame: q <- ((1 - r^2/8 + r^4/384) + (1/2 - r^2/48) r) q.
+
+    In quaternions r stands on the right, q b; as a matrix [r] on the left. The increment of fourth order in the angle,
+    with compensation and the norm's correction as in ``rotate_quaternion``; left out are r^5/3840 and r^6/46080: 4e-10
+    rad at 0.07 rad, which is 3.5 rad/s.
+    """
+    beta = zeros(4)
+    change = zeros(4)
+    square = rotation_rad[0] * rotation_rad[0] + rotation_rad[1] * rotation_rad[1] + rotation_rad[2] * rotation_rad[2]
+    beta[0] = square * (square * (1.0 / 384.0) - 0.125)
+    half_of(rotation_rad, square * (1.0 / 48.0), carry, beta)
+    quaternion_product(q, beta, change)
+    correction = correction_of_norm(q, q_low)
+    for i in range(4):
+        q[i], q_low[i] = add_two_word(q[i], q_low[i], change[i] + correction * q[i])
 
 
 @kernel

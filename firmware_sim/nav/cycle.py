@@ -11,6 +11,14 @@ LONGITUDE_UNITS_PER_RAD = 2.0**29
 
 
 @kernel
+def position_words(place: Real[4]) -> tuple[int, int]:
+    """Latitude and longitude in their units, to the nearest."""
+    latitude = int(place[0] * LATITUDE_UNITS_PER_RAD + place[1] * LATITUDE_UNITS_PER_RAD + 0.5)
+    longitude = int(place[2] * LONGITUDE_UNITS_PER_RAD + place[3] * LONGITUDE_UNITS_PER_RAD + 0.5)
+    return latitude, longitude
+
+
+@kernel
 def navigate(
     sums: Int[12],
     n1: int,
@@ -58,6 +66,5 @@ def navigate(
         quaternion_carry,
     )
     flags = solution(q, velocity_p_mps, C, C_low, height_m, angles_rad, velocity_t_mps, place)
-    latitude = int(place[0] * LATITUDE_UNITS_PER_RAD + place[1] * LATITUDE_UNITS_PER_RAD + 0.5)
-    longitude = int(place[2] * LONGITUDE_UNITS_PER_RAD + place[3] * LONGITUDE_UNITS_PER_RAD + 0.5)
+    latitude, longitude = position_words(place)
     return flags, height_m, latitude, longitude

@@ -129,7 +129,8 @@ _TWO_OVER_PI = 2.0 / math.pi
 _HALF_PI_HIGH, _HALF_PI_LOW = split_two_word(math.pi / 2.0)
 _HALF_PI_MIDDLE, _half_pi_rest = split_two_word(_HALF_PI_LOW)
 _HALF_PI_TAIL = _half_pi_rest + 6.123233995736766e-17
-_PI_HIGH, _PI_LOW = 2.0 * _HALF_PI_HIGH, 2.0 * _HALF_PI_LOW
+PI_HIGH, _PI_LOW = 2.0 * _HALF_PI_HIGH, 2.0 * _HALF_PI_LOW
+TWO_PI_HIGH, TWO_PI_LOW = 2.0 * PI_HIGH, 2.0 * _PI_LOW
 
 # Sine and cosine of k/8. The index is k & 15, so that negative k count from the end and no index leaves the table.
 _ANGLES = tuple((k if k < 8 else k - 16) / 8.0 for k in range(16))
@@ -273,7 +274,7 @@ def arctangent2_two_word(y_high: float, y_low: float, x_high: float, x_low: floa
     base_low = 0.0
     turn = 1.0
     if x_high < 0.0:
-        base_high = _PI_HIGH
+        base_high = PI_HIGH
         base_low = _PI_LOW
         turn = -1.0
     if a_high <= b_high:

@@ -34,7 +34,7 @@ def _is_outside(value: int, most: int) -> int:
 
 
 @kernel
-def start_from_host(
+def take_start(
     latitude: int,
     longitude: int,
     east_mmps: int,
@@ -47,18 +47,8 @@ def start_from_host(
     velocity_t_mps: Real[3],
     attitude_rad: Real[3],
     attitude_low_rad: Real[3],
-    q: Real[4],
-    q_low: Real[4],
-    velocity_p_mps: Real[3],
-    velocity_low_mps: Real[3],
-    velocity_change_mps: Real[3],
-    C: Real[3, 3],
-    C_low: Real[3, 3],
-    rotation_carry_rad: Real[3],
-    velocity_carry_mps: Real[3],
-    quaternion_carry: Real[3],
 ) -> int:
-    """Set the states from integers: latitude in 2^-30 rad, longitude and angles in 2^-29 rad, velocity in mm/s."""
+    """Take a start from integers: latitude in 2^-30 rad, longitude and angles in 2^-29 rad, velocity in mm/s."""
     wrong = 0
     if _is_outside(azimuth, _MOST_ANGLE) != 0:
         wrong = 8
@@ -95,6 +85,50 @@ def start_from_host(
         velocity_t_mps[0] = float(east_mmps) * 0.001
         velocity_t_mps[1] = float(north_mmps) * 0.001
         velocity_t_mps[2] = float(up_mmps) * 0.001
+    return wrong
+
+
+@kernel
+def start_from_host(
+    latitude: int,
+    longitude: int,
+    east_mmps: int,
+    north_mmps: int,
+    up_mmps: int,
+    pitch: int,
+    roll: int,
+    azimuth: int,
+    place: Real[4],
+    velocity_t_mps: Real[3],
+    attitude_rad: Real[3],
+    attitude_low_rad: Real[3],
+    q: Real[4],
+    q_low: Real[4],
+    velocity_p_mps: Real[3],
+    velocity_low_mps: Real[3],
+    velocity_change_mps: Real[3],
+    C: Real[3, 3],
+    C_low: Real[3, 3],
+    rotation_carry_rad: Real[3],
+    velocity_carry_mps: Real[3],
+    quaternion_carry: Real[3],
+) -> int:
+    """Set the states from integers (see ``take_start``)."""
+    wrong = take_start(
+        latitude,
+        longitude,
+        east_mmps,
+        north_mmps,
+        up_mmps,
+        pitch,
+        roll,
+        azimuth,
+        place,
+        velocity_t_mps,
+        attitude_rad,
+        attitude_low_rad,
+    )
+    if wrong == 0:
         initialise(
             place,
             velocity_t_mps,
