@@ -18,6 +18,7 @@ from firmware_sim.board.line import Line, NullLine, Pacer
 from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.errors import UsageError
 from firmware_sim.firmware.build import service_bounds
+from firmware_sim.firmware.chosen import navigator_of
 from firmware_sim.firmware.native import NativeProcessor
 from firmware_sim.firmware.services import SERVICES
 from firmware_sim.firmware.solver import Solver
@@ -172,8 +173,9 @@ class NativeRun(BoardRun):
         super().__init__(flight, open_line, progress, announce)
         start = start_of(self.source, flight.scenario.name)
         scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
-        self.solver = Solver(ENGINES[flight.engine], scale, start)
-        self.reference = None if flight.engine == "double" else Solver(DOUBLE, scale, start)
+        chosen = navigator_of(self.sheet)
+        self.solver = Solver(ENGINES[flight.engine], scale, start, chosen)
+        self.reference = None if flight.engine == "double" else Solver(DOUBLE, scale, start, chosen)
         self.processor = NativeProcessor(self.sheet, self.solver, self._on_step, service_bounds(self.sheet))
         solvers = [self.solver] if self.reference is None else [self.solver, self.reference]
         self.log = StepLog(solvers, self.source)

@@ -23,7 +23,6 @@ from firmware_sim.firmware.code_map import CodeMap, Place
 from firmware_sim.kernels.code_c3x import DATA_REGISTERS
 from firmware_sim.kernels.expressions import ArrayType, Scalar, TypedKernel
 from firmware_sim.kernels.reference import execute
-from firmware_sim.nav.cycle import navigate
 
 MEASURED: Final = "solver_cycles"
 _WORD: Final = 0xFFFF_FFFF
@@ -145,8 +144,8 @@ class _Step(bench.NativeRun):
         """
         made: list[tuple[TypedKernel, int, str, Scalar, int]] = []
         copies = [part.copy() if isinstance(part, np.ndarray) else part for part in self._arguments]
-        execute(navigate.typed, copies, lambda *assignment: made.append(assignment))
-        results = _results(firmware, self._arguments)
+        execute(self.solver.chosen.navigate.typed, copies, lambda *assignment: made.append(assignment))
+        results = _results(firmware, self.solver.chosen.navigate.typed, self._arguments)
         on_target = {(name, kind, value) for name, _, kind, value in results}
         on_c3x = {(kernel.name, kind, _bits(kind, value)) for kernel, _, _, kind, value in made}
         foreign = {
@@ -171,7 +170,7 @@ def _bits(kind: Scalar, value: int) -> int:
 _INTEGER_RESULTS: Final = ("FIX", "ASH", "LSH", "NOT")
 
 
-def _results(firmware: Firmware, arguments: list[Any]) -> list[tuple[str, int, Scalar, int]]:
+def _results(firmware: Firmware, kernel: TypedKernel, arguments: list[Any]) -> list[tuple[str, int, Scalar, int]]:
     """Kernel, line, type and value of each rounding and each integer operation of one step in machine code."""
     cpu, code = Cpu(), CodeMap(firmware)
     for section in firmware.image.sections.values():
@@ -181,7 +180,7 @@ def _results(firmware: Firmware, arguments: list[Any]) -> list[tuple[str, int, S
     for number in range(firmware.kernels.constants):
         cpu.memory[firmware.kernels.constants_at + number] = cpu.memory[first + number]
     registers = iter(range(8))
-    for (name, kind), argument in zip(navigate.typed.parameters, arguments, strict=True):
+    for (name, kind), argument in zip(kernel.parameters, arguments, strict=True):
         if isinstance(kind, ArrayType):
             words = argument.ravel() >> 8 if kind.element is Scalar.FLOAT else argument.ravel()
             for offset, word in enumerate((words & _WORD).tolist()):
@@ -193,7 +192,7 @@ def _results(firmware: Firmware, arguments: list[Any]) -> list[tuple[str, int, S
     cpu.reg["DP"], cpu.reg["SP"], cpu.pc = (
         _DATA_PAGE,
         stack,
-        firmware.address(firmware.kernels.labels["cycle_navigate"]),
+        firmware.address(firmware.kernels.labels[kernel.name]),
     )
     results: list[tuple[str, int, Scalar, int]] = []
     while cpu.pc != _RETURN_TO:

@@ -18,6 +18,7 @@ from firmware_sim.board.uart import FIFO_SIZE
 from firmware_sim.c3x.addressing import ADDRESS_MASK
 from firmware_sim.errors import UsageError
 from firmware_sim.firmware.build import Firmware, build_firmware
+from firmware_sim.firmware.chosen import navigator_of
 from firmware_sim.firmware.code_map import CodeMap
 from firmware_sim.firmware.profile import Profile, profile_of
 from firmware_sim.firmware.solver import Solver
@@ -110,7 +111,7 @@ class FirmwareRun(ImageRun):
         self.firmware = build_firmware(self.sheet, start, extra)
         self.load(self.firmware.image, "the board's firmware", has_pipeline, trace, changes)
         scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
-        self.reference = Solver(DOUBLE, scale, start)
+        self.reference = Solver(DOUBLE, scale, start, navigator_of(self.sheet))
         self.log = StepLog([TargetSolver(self), self.reference], self.source)
         self.vs_truth, self.vs_double = ErrorRecord(), ErrorRecord()
         self._stack_first = self.firmware.address("stack")

@@ -141,6 +141,23 @@ class LineSheet:
 
 
 @dataclass(frozen=True)
+class NavigationSheet:
+    """[navigation]: which solver the firmware is built with."""
+
+    mechanisation: str = _key(
+        "wander", ("wander", "enu"), "", "navigation frame: wander azimuth, or local level east-north-up"
+    )
+    ellipsoid: str = _key("wgs84", ("wgs84", "krassovsky"), "", "the Earth of the solver")
+    curvature: str = _key(
+        "exact", ("exact", "first-order"), "", "its radii with height, or of first order in the flattening without"
+    )
+    gravity: str = _key("normal", ("normal", "original"), "", "of WGS-84, or the original formula of the mechanisation")
+    vertical: str = _key(
+        "external", ("external", "damped", "free"), "", "height from outside, integrated and held to it, or integrated"
+    )
+
+
+@dataclass(frozen=True)
 class BoardSheet:
     """All values of a board. ``source`` names where they came from, for messages.
 
@@ -154,6 +171,7 @@ class BoardSheet:
     uart: UartSheet = UartSheet()
     budget: BudgetSheet = BudgetSheet()
     line: LineSheet = LineSheet()
+    navigation: NavigationSheet = NavigationSheet()
     source: str = "the default board"
 
     def __post_init__(self) -> None:
@@ -161,7 +179,7 @@ class BoardSheet:
             complaint = _complaint(key, getattr(getattr(self, key.section), key.name))
             if complaint:
                 raise UsageError(f"{self.source}: {complaint}")
-        for check in (_check_clock, _check_tick, _check_samples, _check_baud, _check_budget):
+        for check in (_check_clock, _check_tick, _check_samples, _check_baud, _check_budget, _check_navigation):
             complaint = check(self)
             if complaint:
                 raise UsageError(f"{self.source}: {complaint}")
@@ -345,5 +363,15 @@ def _check_budget(sheet: BoardSheet) -> str:
         return (
             f"[budget] nav_cycles: expected at most the tick period ({sheet.tick_cycles} cycles),"
             f" found {sheet.budget.nav_cycles}"
+        )
+    return ""
+
+
+def _check_navigation(sheet: BoardSheet) -> str:
+    choice = sheet.navigation
+    if choice.gravity != "normal" and choice.vertical == "external":
+        return (
+            f'[navigation] gravity: expected "normal" with vertical = "external", which takes no gravity,'
+            f' found "{choice.gravity}"'
         )
     return ""

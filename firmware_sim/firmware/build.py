@@ -21,19 +21,17 @@ from firmware_sim.c3x import floats
 from firmware_sim.c3x.bounds import Bounds
 from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.bounds import ServiceBounds
+from firmware_sim.firmware.chosen import navigator_of
 from firmware_sim.firmware.start import Start, interleaved, two_words
 from firmware_sim.jit import remembered
 from firmware_sim.kernels.expressions import ArrayType
 from firmware_sim.kernels.language import Kernel, KernelError
 from firmware_sim.kernels.lower_c3x import ON_CHIP, MachineProgram, compile_kernels
-from firmware_sim.nav.cycle import navigate
-from firmware_sim.nav.start import accept_scale, start_from_host
-from firmware_sim.nav.strapdown import initialise
+from firmware_sim.nav.start import accept_scale
 from firmware_sim.toolchain.assembler import AssembledImage, assemble
 from firmware_sim.toolchain.image import Symbol
 
 ASSEMBLY: Final = Path(__file__).parent / "assembly"
-KERNELS: Final[tuple[Kernel, ...]] = (navigate, initialise, start_from_host, accept_scale)
 FILES: Final = (
     "memory.asm",
     "vectors.asm",
@@ -136,7 +134,7 @@ def build_firmware(sheet: BoardSheet, start: Start | None = None, extra: Kernel 
     Raises KernelError or UsageError for kernels that cannot be compiled.
     """
     if extra is not None:
-        _check_extra(extra)
+        _check_extra(extra, _roots(sheet))
         return _build(sheet, start, extra)
     key = f"{sheet} {start} {_assembly_text()}"
     firmware: Firmware = remembered("firmware", key, __file__, lambda: _build(sheet, start, None))
@@ -156,7 +154,8 @@ def _assembly_text() -> str:
 
 
 def _build(sheet: BoardSheet, start: Start | None, extra: Kernel | None) -> Firmware:
-    kernels = compile_kernels(KERNELS if extra is None else (*KERNELS, extra))
+    roots = _roots(sheet)
+    kernels = compile_kernels(roots if extra is None else (*roots, extra))
     hook = _extra_macro("" if extra is None else kernels.labels[extra.typed.name])
     parts = [*_definitions(sheet, kernels), *hook, kernels.source, *_includes(), *_tables(sheet, start)]
     addresses = {**_SECTIONS, "onchip": ON_CHIP + kernels.words_on_chip}
@@ -165,9 +164,15 @@ def _build(sheet: BoardSheet, start: Start | None, extra: Kernel | None) -> Firm
     return Firmware(image, kernels, source, max(map(len, telemetry.descriptions(sheet))))
 
 
-def _check_extra(extra: Kernel) -> None:
+def _roots(sheet: BoardSheet) -> tuple[Kernel, ...]:
+    """The kernels that the assembly calls in every mode of navigation."""
+    chosen = navigator_of(sheet)
+    return chosen.navigate, chosen.initialise, chosen.start, accept_scale
+
+
+def _check_extra(extra: Kernel, roots: tuple[Kernel, ...]) -> None:
     """An extra kernel works on arrays of the solver alone. Raises KernelError."""
-    known = {name: kind for kernel in KERNELS for name, kind in kernel.typed.parameters}
+    known = {name: kind for kernel in roots for name, kind in kernel.typed.parameters}
     typed = extra.typed
     for name, kind in typed.parameters:
         if not isinstance(kind, ArrayType) or known.get(name) != kind:
@@ -243,6 +248,9 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
     }
     for name, value in values.items():
         yield f"{name:<24}.set    {value}"
+    chosen = navigator_of(sheet)
+    for name, kernel in (("SOLVE", chosen.navigate), ("INITIALISE", chosen.initialise), ("START", chosen.start)):
+        yield f"            .asg    {kernels.labels[kernel.typed.name]},{name}"
 
 
 _WORDS: Final = {

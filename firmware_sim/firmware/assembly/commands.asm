@@ -103,7 +103,7 @@ obey_start: CMPI    32,R1
             POP     R2
             POP     R1
             POP     R0
-            CALL    k_start_start_from_host
+            CALL    START
             CMPI    0,R0
             BNE     obey_answer
             LDI     NAVIGATE,R1

@@ -102,7 +102,7 @@ tick_latch: STI     R0,*AR2++
             SUBI    R1,R0
             LDI     @taken_height,R2
             LDI     @taken_climb,R3
-            CALL    k_cycle_navigate
+            CALL    SOLVE                   ; the kernel navigate of the board's mechanisation
             STI     R0,@solution
             STF     R1,@frame+HEIGHT_WORD
             STI     R2,@frame+LATITUDE_WORD
