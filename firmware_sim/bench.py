@@ -17,14 +17,14 @@ from firmware_sim.board.board import Board, Processor
 from firmware_sim.board.line import Line, NullLine, Pacer
 from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.errors import UsageError
+from firmware_sim.firmware.aligning import solver_of
 from firmware_sim.firmware.build import service_bounds
-from firmware_sim.firmware.chosen import navigator_of
 from firmware_sim.firmware.native import NativeProcessor
 from firmware_sim.firmware.services import SERVICES
-from firmware_sim.firmware.solver import Solver
 from firmware_sim.firmware.start import Start
 from firmware_sim.firmware.stopwatch import times_of_service, total_execution
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, Machine
+from firmware_sim.nav.alignment import NAVIGATE
 from firmware_sim.plant.scenario import Scenario
 from firmware_sim.plant.source import Block, Source
 from firmware_sim.report import ANGLES, ErrorRecord, Report
@@ -171,11 +171,10 @@ class NativeRun(BoardRun):
         if flight.engine not in ENGINES:
             raise UsageError(f"engine: expected one of {', '.join(ENGINES)}, found {flight.engine!r}")
         super().__init__(flight, open_line, progress, announce)
-        start = start_of(self.source, flight.scenario.name)
+        start = start_of(self.source, flight.scenario.name, self.sheet)
         scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
-        chosen = navigator_of(self.sheet)
-        self.solver = Solver(ENGINES[flight.engine], scale, start, chosen)
-        self.reference = None if flight.engine == "double" else Solver(DOUBLE, scale, start, chosen)
+        self.solver = solver_of(ENGINES[flight.engine], scale, start, self.sheet)
+        self.reference = None if flight.engine == "double" else solver_of(DOUBLE, scale, start, self.sheet)
         self.processor = NativeProcessor(self.sheet, self.solver, self._on_step, service_bounds(self.sheet))
         solvers = [self.solver] if self.reference is None else [self.solver, self.reference]
         self.log = StepLog(solvers, self.source)
@@ -205,7 +204,8 @@ class NativeRun(BoardRun):
     def _on_step(self, number: int, sums: NDArray[np.int64], n1: int, n2: int, height_mm: int, climb_mmps: int) -> None:
         if self.reference:
             self.reference.step(sums, n1, n2, height_mm, climb_mmps)
-        self.log.add_step(number)
+        if self.solver.mode == NAVIGATE:
+            self.log.add_step(number)
 
     def _report(self, wall_s: float, flown_s: float) -> Report:
         state, sheet = self.processor.state[0], self.sheet
@@ -349,9 +349,14 @@ def _duration_s(flight: Flight, source: Source, sheet: BoardSheet) -> float:
     return min(wanted_s, source.samples * source.sample_period_s)
 
 
-def start_of(source: Source, name: str) -> Start:
-    """Where a navigation of this source starts. Raises UsageError where it does not say."""
+def start_of(source: Source, name: str, sheet: BoardSheet) -> Start:
+    """Where a navigation of this source starts; a board that aligns itself needs the place alone.
+
+    Raises UsageError where the source does not say.
+    """
     initial = source.initial
+    if initial is not None and sheet.alignment.settling_s:
+        return Start(initial.lat_rad, initial.lon_rad, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
     if initial is None or not initial.attitude_is_known:
         raise UsageError(
             f"{name}: expected a known initial attitude (key 'initial' of the recording, or a scenario file with"

@@ -17,12 +17,11 @@ from firmware_sim.board.service_log import ENDED, STARTED
 from firmware_sim.board.uart import FIFO_SIZE
 from firmware_sim.c3x.addressing import ADDRESS_MASK
 from firmware_sim.errors import UsageError
+from firmware_sim.firmware.aligning import solver_of
 from firmware_sim.firmware.build import Firmware, build_firmware
-from firmware_sim.firmware.chosen import navigator_of
 from firmware_sim.firmware.code_map import CodeMap
 from firmware_sim.firmware.profile import Profile, profile_of
-from firmware_sim.firmware.solver import Solver
-from firmware_sim.firmware.telemetry import NAVIGATE, offsets_of_navigation
+from firmware_sim.firmware.telemetry import NAVIGATE, STANDBY, offsets_of_navigation
 from firmware_sim.kernels.language import Kernel
 from firmware_sim.kernels.lower_c3x import ON_CHIP, ON_CHIP_WORDS
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE
@@ -107,11 +106,11 @@ class FirmwareRun(ImageRun):
         extra: Kernel | None = None,
     ) -> None:
         """Build the firmware and put it into the board."""
-        start = start_of(self.source, self.flight.scenario.name)
+        start = start_of(self.source, self.flight.scenario.name, self.sheet)
         self.firmware = build_firmware(self.sheet, start, extra)
         self.load(self.firmware.image, "the board's firmware", has_pipeline, trace, changes)
         scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
-        self.reference = Solver(DOUBLE, scale, start, navigator_of(self.sheet))
+        self.reference = solver_of(DOUBLE, scale, start, self.sheet)
         self.log = StepLog([TargetSolver(self), self.reference], self.source)
         self.vs_truth, self.vs_double = ErrorRecord(), ErrorRecord()
         self._stack_first = self.firmware.address("stack")
@@ -151,14 +150,16 @@ class FirmwareRun(ImageRun):
             return
         self._seen = frames
         self._dropped += int(self.variable("is_dropped")[0])
-        if int(self.variable("mode")[0]) != NAVIGATE:
+        mode = int(self.variable("frame", offset=self._offsets["mode"])[0]) & 0xFF
+        if mode == STANDBY:
             return
         taken, first = int(self.variable("taken")[0]), int(self.variable("first_part")[0])
         n1 = min(taken, first)
         sums = _signed(self.words("sums", 2 * CHANNELS))
         height_mm, climb_mmps = (int(_signed(self.variable(name))[0]) for name in ("taken_height", "taken_climb"))
         self.reference.step(sums, n1, taken - n1, height_mm, climb_mmps)
-        self.log.add_step(int(self.variable("frame", offset=self._offsets["valid_time"])[0]))
+        if mode == NAVIGATE:
+            self.log.add_step(int(self.variable("frame", offset=self._offsets["valid_time"])[0]))
 
     def variable(self, symbol: str, size: int = 1, offset: int = 0) -> NDArray[np.int64]:
         """Words of the firmware's memory, by a label of its assembly."""

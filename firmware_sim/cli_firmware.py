@@ -83,7 +83,7 @@ def _build(options: argparse.Namespace) -> int:
     sheet, start = load_sheet(options.board), None
     if options.start:
         scenario = load_scenario(options.start)
-        start = start_of(scenario.source(sheet.adc.period_s, 0), scenario.name)
+        start = start_of(scenario.source(sheet.adc.period_s, 0), scenario.name, sheet)
     firmware = build_firmware(sheet, start)
     write_file(options.output, write_coff(firmware.image))
     if options.map:

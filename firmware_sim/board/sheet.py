@@ -124,6 +124,19 @@ class UartSheet:
 
 
 @dataclass(frozen=True)
+class AlignmentSheet:
+    """[alignment]"""
+
+    settling_s: float = _key(
+        0.0, (0.0, 7200.0), "s", "from the start to navigation; 0: the attitude is given and nothing is aligned"
+    )
+    coarse_s: float = _key(60.0, (10.0, 600.0), "s", "length of the coarse stage")
+    velocity_noise_mps: float = _key(
+        0.01, (0.001, 10.0), "m/s", "one sigma of the true velocity of a unit that does not travel"
+    )
+
+
+@dataclass(frozen=True)
 class BudgetSheet:
     """[budget]"""
 
@@ -169,6 +182,7 @@ class BoardSheet:
     tick: TickSheet = TickSheet()
     adc: AdcSheet = AdcSheet()
     uart: UartSheet = UartSheet()
+    alignment: AlignmentSheet = AlignmentSheet()
     budget: BudgetSheet = BudgetSheet()
     line: LineSheet = LineSheet()
     navigation: NavigationSheet = NavigationSheet()
@@ -179,7 +193,15 @@ class BoardSheet:
             complaint = _complaint(key, getattr(getattr(self, key.section), key.name))
             if complaint:
                 raise UsageError(f"{self.source}: {complaint}")
-        for check in (_check_clock, _check_tick, _check_samples, _check_baud, _check_budget, _check_navigation):
+        for check in (
+            _check_clock,
+            _check_tick,
+            _check_samples,
+            _check_baud,
+            _check_alignment,
+            _check_budget,
+            _check_navigation,
+        ):
             complaint = check(self)
             if complaint:
                 raise UsageError(f"{self.source}: {complaint}")
@@ -358,6 +380,13 @@ def _check_baud(sheet: BoardSheet) -> str:
     return ""
 
 
+def _check_alignment(sheet: BoardSheet) -> str:
+    settling_s, coarse_s = sheet.alignment.settling_s, sheet.alignment.coarse_s
+    if settling_s and settling_s <= coarse_s:
+        return f"[alignment] settling_s: expected 0, or more than coarse_s ({coarse_s:g} s), found {settling_s:g}"
+    return ""
+
+
 def _check_budget(sheet: BoardSheet) -> str:
     if sheet.budget_cycles > sheet.tick_cycles:
         return (
@@ -368,7 +397,12 @@ def _check_budget(sheet: BoardSheet) -> str:
 
 
 def _check_navigation(sheet: BoardSheet) -> str:
-    choice = sheet.navigation
+    choice, settling_s = sheet.navigation, sheet.alignment.settling_s
+    if settling_s and (choice.mechanisation, choice.vertical) != ("wander", "external"):
+        return (
+            '[alignment] settling_s: expected 0 unless mechanisation = "wander" and vertical = "external", found'
+            f' {settling_s:g} with "{choice.mechanisation}" and "{choice.vertical}"'
+        )
     if choice.gravity != "normal" and choice.vertical == "external":
         return (
             f'[navigation] gravity: expected "normal" with vertical = "external", which takes no gravity,'

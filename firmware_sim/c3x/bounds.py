@@ -112,34 +112,29 @@ class _Code:
     # -- reading
 
     def _read(self) -> None:
+        """Follow the code from its entry; a repeat or a delayed branch may be read after what ends it."""
+        read: dict[int, list[int]] = {}
         waiting = [self._entry]
         while waiting:
-            address = waiting.pop()
-            if address not in self._after:
-                self._after[address] = self._following(address)
-                waiting += self._after[address]
-        # A repeat or a delayed branch may be read after the instruction that ends it.
-        for last, targets in self._slots.items():
-            if last in self._after:
-                self._after[last] = targets
-                waiting += [target for target in targets if target not in self._after]
-        for last, (first, _) in self._repeats.items():
-            if last in self._after:
-                self._after[last] = [first, last + 1]
-                waiting += [] if last + 1 in self._after else [last + 1]
-        if waiting:
-            self._read_more(waiting)
+            while waiting:
+                address = waiting.pop()
+                if address not in read:
+                    read[address] = self._following(address)
+                    waiting += self._next(address, read)
+            waiting = [target for address in read for target in self._next(address, read) if target not in read]
+        self._after = {address: self._next(address, read) for address in read}
+        self._earlier: dict[int, set[int]] = {address: set() for address in read}
+        for address, targets in self._after.items():
+            for target in targets:
+                self._earlier[target].add(address)
 
-    def _read_more(self, waiting: list[int]) -> None:
-        known = len(self._after)
-        for address in waiting:
-            if address not in self._after:
-                self._after[address] = self._following(address)
-        missing = [target for targets in self._after.values() for target in targets if target not in self._after]
-        if missing:
-            self._read_more(missing)
-        elif len(self._after) > known:
-            self._read()
+    def _next(self, address: int, read: Mapping[int, list[int]]) -> list[int]:
+        """Where the code goes on behind an instruction: a last delay slot and the last of a repeat lead elsewhere."""
+        if address in self._slots:
+            return self._slots[address]
+        if address in self._repeats:
+            return [self._repeats[address][0], address + 1]
+        return read[address]
 
     def _following(self, address: int) -> list[int]:
         return [target for target in self._all_following(address) if target not in self._bounds.without]
@@ -215,7 +210,7 @@ class _Code:
         return worst
 
     def _before(self, address: int) -> set[int]:
-        return {earlier for earlier, targets in self._after.items() if address in targets}
+        return self._earlier[address]
 
     # -- the longest way
 

@@ -20,6 +20,7 @@ from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.c3x import floats
 from firmware_sim.c3x.bounds import Bounds
 from firmware_sim.firmware import telemetry
+from firmware_sim.firmware.aligning import AlignmentPlan
 from firmware_sim.firmware.bounds import ServiceBounds
 from firmware_sim.firmware.chosen import navigator_of
 from firmware_sim.firmware.start import Start, interleaved, two_words
@@ -27,6 +28,8 @@ from firmware_sim.jit import remembered
 from firmware_sim.kernels.expressions import ArrayType
 from firmware_sim.kernels.language import Kernel, KernelError
 from firmware_sim.kernels.lower_c3x import ON_CHIP, MachineProgram, compile_kernels
+from firmware_sim.nav.alignment import begin_alignment
+from firmware_sim.nav.alignment_cycle import align_cycle
 from firmware_sim.nav.start import accept_scale
 from firmware_sim.toolchain.assembler import AssembledImage, assemble
 from firmware_sim.toolchain.image import Symbol
@@ -43,6 +46,7 @@ FILES: Final = (
     "frame.asm",
     "commands.asm",
 )
+ALIGNMENT_KERNELS: Final[tuple[Kernel, ...]] = (begin_alignment, align_cycle)
 RING: Final = 4096
 """Bytes of a ring, one in a word; a power of two, at a multiple of itself."""
 SERVICES: Final = {"adc_service": "INT0", "uart_service": "INT1", "tick_service": "TINT0"}
@@ -154,7 +158,8 @@ def _assembly_text() -> str:
 
 
 def _build(sheet: BoardSheet, start: Start | None, extra: Kernel | None) -> Firmware:
-    roots = _roots(sheet)
+    plan = AlignmentPlan.of(sheet)
+    roots = (*_roots(sheet), *(ALIGNMENT_KERNELS if plan else ()))
     kernels = compile_kernels(roots if extra is None else (*roots, extra))
     hook = _extra_macro("" if extra is None else kernels.labels[extra.typed.name])
     parts = [*_definitions(sheet, kernels), *hook, kernels.source, *_includes(), *_tables(sheet, start)]
@@ -200,6 +205,7 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
     table = telemetry.navigation_table(sheet)
     schedule = telemetry.DescriptionSchedule.of(sheet)
     first_part = max(1, round(sheet.samples_per_tick / 2))
+    plan = AlignmentPlan.of(sheet)
     values = {
         "ONCHIP": on_chip.first,
         "DATA_PAGE": on_chip.first >> 16,
@@ -224,6 +230,13 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
         "DIVISOR": sheet.uart_divisor,
         "FIRST_PART": first_part,
         "SAFE_COUNT": first_part + (2**30 >> (sheet.adc.bits - 1)) - 1,
+        "ALIGNS": int(plan is not None),
+        "ALIGN_HALF": plan.half if plan else 0,
+        "ALIGN_COARSE": plan.coarse if plan else 0,
+        "ALIGN_END": plan.end if plan else 0,
+        "ALIGN_UPDATE": plan.update if plan else 0,
+        "ALIGN_VARIANCE": _single(plan.variance if plan else 0.0),
+        "COARSE": telemetry.COARSE,
         "MOST": 2**30 - 1,
         "LEAST": -(2**30),
         "SATURATED": adc.SATURATED,
@@ -311,9 +324,13 @@ def _start_values(start: Start) -> list[float]:
     return [*interleaved([start.lat_rad, start.lon_rad]), *start.vel_t_mps, *angles, *angles_low]
 
 
+def _single(value: float) -> int:
+    """The word of a single."""
+    return int(floats.from_float64(value)) >> 8 & 0xFFFFFFFF
+
+
 def _single_text(value: float) -> str:
-    word = floats.from_float64(value) >> 8 & 0xFFFFFFFF
-    return f"            .word   0{word:08X}h       ; {value!r}"
+    return f"            .word   0{_single(value):08X}h       ; {value!r}"
 
 
 def map_of(firmware: Firmware) -> str:

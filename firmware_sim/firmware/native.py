@@ -152,7 +152,7 @@ class NativeProcessor:
         self._flags |= telemetry.TICK_OVERRUN if overruns > values["overruns"] else 0
         self._flags |= telemetry.FRAME_DROPPED if self._was_dropped else 0
         values["tick"] = tick & _WORD
-        values["mode"], values["flags"], values["overruns"] = telemetry.NAVIGATE, self._flags, overruns & _WORD
+        values["mode"], values["flags"], values["overruns"] = self.solver.mode, self._flags, overruns & _WORD
         values.update(zip(_SINGLES, self.solver.words().tolist(), strict=True))
         values["latitude"], values["longitude"] = self.solver.latitude, self.solver.longitude
         description = self._descriptions[self._next_description]

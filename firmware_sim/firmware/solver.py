@@ -11,6 +11,7 @@ from firmware_sim.firmware.start import Start, interleaved, two_words
 from firmware_sim.jit import is_compiled
 from firmware_sim.kernels.expressions import ArrayType, Scalar
 from firmware_sim.kernels.lower_numba import Machine, build
+from firmware_sim.nav.alignment import NAVIGATE
 from firmware_sim.nav.choices import Navigator, navigator
 
 _INPUTS: Final = ("sums", "scale")
@@ -43,6 +44,7 @@ class Solver:
         self.states = [self._memory[name] for name, _ in arrays if name not in _INPUTS + _OUTPUTS]
         self.outputs = [self._memory[name] for name in _OUTPUTS]
         self._singles = machine.array(np.zeros(9))
+        self.mode = NAVIGATE
         self.flags = 0
         self.height: Any = machine.encode(0.0)
         self.latitude = 0

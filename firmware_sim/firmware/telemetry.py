@@ -31,7 +31,7 @@ NAVIGATION_WORDS = 25
 """The navigation frame's payload, of four bytes each."""
 
 MODES = ("standby", "coarse", "fine", "navigate")
-NAVIGATE = MODES.index("navigate")
+STANDBY, COARSE, FINE, NAVIGATE = range(len(MODES))
 
 # Status flags, bit 0 first. The first three are those of nav.motion.
 FLAG_LABELS = (

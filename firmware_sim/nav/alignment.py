@@ -49,6 +49,13 @@ SAMPLES, HALF, COARSE_END, END, SINCE_UPDATE, UPDATE = range(6)
 
 @kernel
 def begin_alignment(
+    half: int,
+    coarse_end: int,
+    end: int,
+    update: int,
+    variance: float,
+    place: Real[4],
+    start_place: Real[4],
     q: Real[4],
     q_low: Real[4],
     quaternion_carry: Real[3],
@@ -62,9 +69,19 @@ def begin_alignment(
     errors: Real[6],
     covariance: Real[6, 6],
     align_count: Int[6],
+    velocity_variance: Real[1],
 ) -> None:
-    """Start the coarse stage: k is the body frame of now."""
+    """Start the coarse stage at a place, with C set there: k is the body frame of now.
+
+    The first four are counts of samples (see above); ``variance`` is that of the true velocity's noise [m^2/s^2].
+    """
+    align_count[HALF] = half
+    align_count[COARSE_END] = coarse_end
+    align_count[END] = end
+    align_count[UPDATE] = update
+    velocity_variance[0] = variance
     for i in range(4):
+        start_place[i] = place[i]
         q[i] = 0.0
         q_low[i] = 0.0
     q[0] = 1.0

@@ -10,7 +10,7 @@ import pytest
 from firmware_sim import bench, bench_firmware
 from firmware_sim.bench import Flight
 from firmware_sim.board.line import FileLine
-from firmware_sim.board.sheet import AdcSheet, BoardSheet, TickSheet, UartSheet
+from firmware_sim.board.sheet import AdcSheet, AlignmentSheet, BoardSheet, TickSheet, UartSheet
 from firmware_sim.firmware import telemetry
 from firmware_sim.plant.scenario import load_scenario
 from tests.end_to_end.test_recorded_unit import EXCERPT, aligned
@@ -35,6 +35,7 @@ def without_the_measured_field(sheet: BoardSheet, sent: bytes) -> list[tuple[int
 
 SHEETS = {
     "default": BoardSheet(),
+    "aligning": BoardSheet(alignment=AlignmentSheet(settling_s=26.0, coarse_s=12.0)),
     "40 ms, 500 Hz, 57600 baud": BoardSheet(
         tick=TickSheet(period_s=0.04), adc=AdcSheet(rate_hz=500.0, bits=20), uart=UartSheet(baud=57600)
     ),
@@ -48,6 +49,7 @@ SHEETS = {
         ("turn", "default", 7),
         ("transit", "default", 3),
         ("sway", "40 ms, 500 Hz, 57600 baud", 5),
+        ("moored", "aligning", 4),
     ],
 )
 def test_every_frame_is_the_same_but_for_the_measured_cycles(tmp_path: Path, name: str, sheet: str, seed: int) -> None:

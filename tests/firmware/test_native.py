@@ -20,6 +20,7 @@ class RememberingSolver:
     def __init__(self, cycles=5000):
         self.cycles = cycles
         self.flags = 0
+        self.mode = telemetry.NAVIGATE
         self.latitude, self.longitude = 123, -456
         self.steps = []
 

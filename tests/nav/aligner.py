@@ -65,14 +65,12 @@ def align(
     program.initialise(place, array(np.zeros(3)), array(np.zeros(3)), array(np.zeros(3)), *states)
     sums, sums_low, half_sums, errors, covariance = (array(np.zeros(shape)) for shape in (3, 3, 3, 6, (6, 6)))
     rate = round(1.0 / PERIOD_S)
-    counts = np.array(
-        [0, round(coarse_s * rate / 2), round(coarse_s * rate), round(settling_s * rate), 0, rate], np.int64
-    )
+    counts, variance, start_place = np.zeros(6, np.int64), array(np.zeros(1)), array(np.zeros(4))
     program.begin_alignment(
-        q, q_low, quaternion_carry, rotation_carry, velocity_carry, velocity, velocity_low, change,
-        sums, sums_low, errors, covariance, counts,
+        round(coarse_s * rate / 2), round(coarse_s * rate), round(settling_s * rate), rate,
+        machine.encode(velocity_noise_mps**2), place, start_place, q, q_low, quaternion_carry, rotation_carry,
+        velocity_carry, velocity, velocity_low, change, sums, sums_low, errors, covariance, counts, variance,
     )  # fmt: skip
-    variance = array(np.array([velocity_noise_mps**2]))
     converter, mode = Converter(sheet.adc), COARSE
     while mode != NAVIGATE:
         block = source.read(1000)
@@ -81,7 +79,7 @@ def align(
             part = samples[20 * tick : 20 * tick + 20]
             taken = np.concatenate([part[:10].sum(axis=0), part[10:].sum(axis=0)])
             mode = program.align_step(
-                taken, 10, 10, mode, machine.encode(float(block.height[0, 0])), scale, *states, place,
+                taken, 10, 10, mode, machine.encode(float(block.height[0, 0])), scale, *states, start_place,
                 sums, sums_low, half_sums, errors, covariance, counts, variance,
             )  # fmt: skip
             if mode == NAVIGATE:

@@ -88,10 +88,16 @@ boot_copy6: STI     R0,*AR2++
             LDI     *AR1++,R0
 boot_copy7: STI     R0,*AR2++
             LDI     DATA_PAGE,DP
-            CALL    INITIALISE
+            CALL    k_strapdown_initialise
+            LDI     1,R0
+            STI     R0,@has_start
+            .if     ALIGNS
+            CALL    align
+            .else
             LDI     NAVIGATE,R0
             STI     R0,@mode
-            STI     R0,@has_start
+            STI     R0,@next_mode
+            .endif
 
 ; The line: 8N1, FIFOs on and empty, receiver on.
 boot_uart:  LDI     DATA_PAGE,DP
@@ -115,7 +121,6 @@ boot_uart:  LDI     DATA_PAGE,DP
             LDI     @period,R0
             STI     R0,*+AR0(8)
             LDI     TIMER_RUNS,R0
-            NOP
             STI     R0,*AR0
             LDI     *+AR1(4),R1
             ADDI    FROM_RESET_TO_TICK,R1
@@ -154,5 +159,6 @@ boot_attitude_low: .word v_attitude_low_rad
 constants:  .word   ADC, UART, TIMER0, TIMER1, WATCHDOG
             .word   sums, sums+6, v_sums, frame, event, answer, crc_table, command
             .word   tx_ring, tx_ring, rx_ring, rx_ring, descriptions, descriptions, v_new_scale
-            .word   PERIOD, FIRST_PART, SAFE_COUNT, MOST, LEAST, 0DEBB20E3h, RING-1
+            .word   PERIOD, FIRST_PART, SAFE_COUNT, MOST, LEAST, 0DEBB20E3h
+            .word   ALIGN_HALF, ALIGN_COARSE, ALIGN_END, ALIGN_UPDATE, ALIGN_VARIANCE, RING-1
 CONSTANTS   .set    $-constants

@@ -108,6 +108,7 @@ obey_start: CMPI    32,R1
             BNE     obey_answer
             LDI     NAVIGATE,R1
             STI     R1,@mode
+            STI     R1,@next_mode
             STI     R1,@has_start
             B       obey_answer
 
@@ -116,11 +117,21 @@ obey_mode:  CMPI    4,R1
             CALL    word
             CMPI    0,R0
             BEQ     obey_set
-            CMPI    NAVIGATE,R0
-            BNE     obey_range
-            LDI     @has_start,R1           ; nothing to navigate from
+            LDI     @has_start,R1           ; nothing to begin from
             BZ      obey_range
+            CMPI    NAVIGATE,R0
+            BEQ     obey_set
+            .if     ALIGNS
+            CMPI    COARSE,R0
+            BNE     obey_range
+            CALL    align
+            LDI     0,R0
+            B       obey_answer
+            .else
+            B       obey_range
+            .endif
 obey_set:   STI     R0,@mode
+            STI     R0,@next_mode
             LDI     0,R0
             B       obey_answer
 

@@ -27,6 +27,11 @@ safe_count  .usect  "onchip",1      ; up to so many samples no sum can outgrow i
 most        .usect  "onchip",1      ; the bounds of a sum
 least       .usect  "onchip",1
 crc_residue .usect  "onchip",1      ; what a CRC over its own bytes leaves
+align_half  .usect  "onchip",1      ; of an alignment: samples to its stages, and the variance of the velocity
+align_coarse .usect "onchip",1
+align_end   .usect  "onchip",1
+align_update .usect "onchip",1
+align_variance .usect "onchip",1
 ring_free   .usect  "onchip",1      ; the most bytes that wait
 
 ; Cleared by boot.
@@ -48,6 +53,7 @@ taken_climb .usect  "onchip",1
 sample_bits .usect  "onchip",1      ; flags of its samples
 solution    .usect  "onchip",1      ; flags of the solver
 mode        .usect  "onchip",1
+next_mode   .usect  "onchip",1      ; what the alignment makes of it, from the next cycle on
 has_start   .usect  "onchip",1      ; the states have been set
 extra_flags .usect  "onchip",1      ; power fails, the watchdog has bitten
 is_dropped  .usect  "onchip",1      ; the frame before found no room

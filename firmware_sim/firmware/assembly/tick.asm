@@ -92,17 +92,25 @@ tick_latch: STI     R0,*AR2++
 
             LDI     0,R0
             STI     R0,@solution
-            LDI     @mode,R0
-            CMPI    NAVIGATE,R0
-            BNE     tick_report
             LDI     @taken,R0
             LDI     R0,R1
             SUBI    @first_part,R1
             LDILT   0,R1                    ; samples of the second half
             SUBI    R1,R0
             LDI     @taken_height,R2
+            LDI     @mode,R3
+            BZ      tick_report
+            CMPI    NAVIGATE,R3
+            BEQ     tick_navigate
+            .if     ALIGNS
+            CALL    k_alignment_cycle_align_cycle
+            STI     R4,@next_mode
+            B       tick_solved
+            .endif
+tick_navigate:
             LDI     @taken_climb,R3
             CALL    SOLVE                   ; the kernel navigate of the board's mechanisation
+tick_solved:
             STI     R0,@solution
             STF     R1,@frame+HEIGHT_WORD
             STI     R2,@frame+LATITUDE_WORD
@@ -111,6 +119,8 @@ tick_latch: STI     R0,*AR2++
 
 tick_report:
             CALL    report
+            LDI     @next_mode,R0
+            STI     R0,@mode
             LDI     @timer1_at,AR0
             LDI     @watchdog_at,AR1
             LDI     *+AR0(4),R0
@@ -134,6 +144,20 @@ tick_end:   ANDN    2000h,ST
             OR      TICK_SOURCE,IE
             RESTORE
             RETI
+
+            .if     ALIGNS
+; The coarse stage begins at the place of now.
+align:      LDI     @align_half,R0
+            LDI     @align_coarse,R1
+            LDI     @align_end,R2
+            LDI     @align_update,R3
+            LDF     @align_variance,R4
+            CALL    k_alignment_begin_alignment
+            LDI     COARSE,R0
+            STI     R0,@mode
+            STI     R0,@next_mode
+            RETS
+            .endif
 
 ; R7 gets the flags that the status of the samples raises.
 sample_flags:
