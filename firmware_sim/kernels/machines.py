@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -116,8 +116,14 @@ class _Double(Machine):
         return f"({left} {op} {right})"
 
 
+@dataclass(frozen=True, eq=False)
 class _C3x(Machine):
-    """Packed register values (exponent << 32 | mantissa) in int64: :mod:`firmware_sim.c3x.floats`."""
+    """Packed register values (exponent << 32 | mantissa) in int64: :mod:`firmware_sim.c3x.floats`.
+
+    ``store`` spells what a value (``{}``) suffers on its way into a variable.
+    """
+
+    store: str = "rnd({})"
 
     def encode(self, value: float) -> int:
         return int(floats.from_float64(value))
@@ -145,7 +151,7 @@ class _C3x(Machine):
         return f"{op}({left}, {right})"
 
     def rounded(self, text: str) -> str:
-        return f"rnd({text})"
+        return self.store.format(text)
 
     def comparison(self, op: str, left: str, right: str) -> str:
         return f"(compare({left}, {right}) {op} 0)"
@@ -164,7 +170,7 @@ DOUBLE: Machine = _Double(
     },
     take_real=float,
 )
-C3X: Machine = _C3x(
+_ROUNDING = _C3x(
     name="c3x",
     real_dtype=np.int64,
     unary={
@@ -177,3 +183,7 @@ C3X: Machine = _C3x(
     },
     take_real=operator.index,
 )
+C3X: Machine = _ROUNDING
+# Other habits of programs, for comparison: STF alone, which cuts the low eight bits off, and variables of all 40 bits.
+C3X_CUTTING: Machine = replace(_ROUNDING, name="c3x_cutting", store="({} & -256)")
+C3X_EXTENDED: Machine = replace(_ROUNDING, name="c3x_extended", store="{}")

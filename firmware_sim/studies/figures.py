@@ -73,7 +73,10 @@ class Bars:
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure: panels in ``columns`` columns, row by row, that share their x axes when ``shares_x``; or bars."""
+    """A figure: panels in ``columns`` columns, row by row, that share their x axes when ``shares_x``; or bars.
+
+    ``has_one_legend``: all panels have the same curves, and one legend below them.
+    """
 
     name: str
     panels: Sequence[Panel] = ()
@@ -81,6 +84,7 @@ class Chart:
     title: str = ""
     columns: int = 1
     shares_x: bool = True
+    has_one_legend: bool = False
 
 
 def load_pyplot() -> Any:
@@ -126,13 +130,16 @@ def _panel_figure(pyplot: Any, chart: Chart) -> Any:
         gridspec_kw={"height_ratios": heights},
     )
     for place, panel in zip(axes.ravel(), chart.panels, strict=False):
-        _draw_panel(place, panel)
+        _draw_panel(place, panel, has_legend=not chart.has_one_legend)
+    if chart.has_one_legend:
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=2)
     for unused in axes.ravel()[len(chart.panels) :]:
         unused.set_visible(False)
     return figure
 
 
-def _draw_panel(axes: Any, panel: Panel) -> None:
+def _draw_panel(axes: Any, panel: Panel, has_legend: bool) -> None:
     for number, curve in enumerate(panel.curves):
         stride = max(1, len(curve.x) // _MOST_POINTS)
         axes.plot(
@@ -153,7 +160,7 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
         axes.set_aspect("equal", adjustable="datalim")
     for x, y, text in panel.notes:
         axes.annotate(text, (x, y), textcoords="offset points", xytext=(6, 6), fontsize="small")
-    if any(curve.label for curve in panel.curves):
+    if has_legend and any(curve.label for curve in panel.curves):
         axes.legend(loc="best", fontsize="small")
 
 
