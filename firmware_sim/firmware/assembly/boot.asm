@@ -88,7 +88,7 @@ boot_copy6: STI     R0,*AR2++
             LDI     *AR1++,R0
 boot_copy7: STI     R0,*AR2++
             LDI     DATA_PAGE,DP
-            CALL    k_strapdown_initialise
+            CALL    INITIALISE
             LDI     1,R0
             STI     R0,@has_start
             .if     ALIGNS
