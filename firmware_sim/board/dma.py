@@ -1,9 +1,9 @@
 """The two DMA channels (SPRU031, section 12.3): registers, counting and interrupts; the bus moves the words.
 
-A transfer is a read and a write; it happens as a whole in the cycle in which it ends. The processor and the channels
-do not slow one another down here: arbitration (the PRI bits) is kept in the register and has no effect. A channel that
-is synchronised waits for one of the interrupts that IE bits 16 to 27 enable for the DMA, and takes its flag; both
-channels share these bits.
+A transfer is a read and a write; it happens as a whole in the cycle in which it ends, one transfer after the other:
+the channels share one pair of buses. Who has the external port first, processor or DMA, say bits 13 and 12 of the
+channel that works; which channel, bit 14 of channel 0 (12-56, 12-64). A channel that is synchronised waits for one of
+the interrupts that IE bits 16 to 27 enable for the DMA, and takes its flag; both channels share these bits.
 """
 
 from __future__ import annotations
@@ -24,6 +24,11 @@ BUSY: Final = 0b11 << 2
 INCSRC, DECSRC, INCDST, DECDST = 1 << 4, 1 << 5, 1 << 6, 1 << 7
 SYNC_SOURCE, SYNC_DESTINATION = 1 << 8, 1 << 9
 TC, TCINT = 1 << 10, 1 << 11
+PRIORITY_SHIFT: Final = 12
+PROCESSOR_FIRST: Final = 0b00
+DMA_FIRST: Final = 0b11
+"""Values of bits 13 and 12. The others take turns: the manual calls 10 so in table 12-6, and 01 in table 12-8."""
+CHANNELS_TAKE_TURNS: Final = 1 << 14
 ENABLES_SHIFT: Final = 16
 CHANNELS: Final = 2
 
@@ -38,6 +43,8 @@ DMA = np.dtype(
         ("destination", "i8"),
         ("count", "i8"),
         ("ends", "i8"),  # cycle in which the transfer under way ends; FAR_FUTURE
+        ("asks_again", "i8"),  # cycle in which a transfer that gave way to the processor tries again; FAR_FUTURE
+        ("was_last", "i8"),  # 1: the last transfer was of this channel
     ]
 )
 
@@ -46,6 +53,7 @@ def new_dma() -> NDArray[np.void]:
     """Both channels after reset, of shape (2,): stopped, all registers zero."""
     state = np.zeros(CHANNELS, DMA)
     state["ends"] = FAR_FUTURE
+    state["asks_again"] = FAR_FUTURE
     return state
 
 
@@ -75,6 +83,7 @@ def dma_write(state: NDArray[np.void], channel: int, offset: int, value: int) ->
         state[channel].control = value & _WRITABLE
         if value & START != START:
             state[channel].ends = FAR_FUTURE
+            state[channel].asks_again = FAR_FUTURE
     elif offset == SOURCE:
         state[channel].source = value & _ADDRESS_MASK
     elif offset == DESTINATION:
@@ -85,8 +94,23 @@ def dma_write(state: NDArray[np.void], channel: int, offset: int, value: int) ->
 
 @jit
 def dma_next(state: NDArray[np.void]) -> int:
-    """Cycle in which a transfer ends, or FAR_FUTURE."""
-    return min(state[0].ends, state[1].ends)
+    """Cycle in which a transfer ends, or asks for the port again, or FAR_FUTURE."""
+    return min(min(state[0].ends, state[1].ends), min(state[0].asks_again, state[1].asks_again))
+
+
+@jit
+def dma_first_channel(state: NDArray[np.void]) -> int:
+    """The channel that is asked first whether it has a word to move."""
+    return 1 if state[0].control & CHANNELS_TAKE_TURNS and state[0].was_last else 0
+
+
+@jit
+def dma_gives_way(state: NDArray[np.void], channel: int) -> bool:
+    """Whether the processor has the port first: always, never, or the first time of two."""
+    priority = state[channel].control >> PRIORITY_SHIFT & 0b11
+    if priority in (PROCESSOR_FIRST, DMA_FIRST):
+        return priority == PROCESSOR_FIRST
+    return state[channel].asks_again == FAR_FUTURE
 
 
 @jit
@@ -103,4 +127,6 @@ def dma_end_transfer(state: NDArray[np.void], channel: int) -> bool:
     state[channel].destination = _stepped(state[channel].destination, control, INCDST, DECDST)
     state[channel].count = state[channel].count - 1 & _COUNT_MASK
     state[channel].ends = FAR_FUTURE
+    state[channel].was_last = 1
+    state[1 - channel].was_last = 0
     return state[channel].count == 0 and control & TCINT != 0

@@ -2,8 +2,10 @@
 
 FSX goes to FSR and CLKX to CLKR. So there is no external clock or frame pulse: the transmitter runs when XRESET and
 FSXOUT are set, the clock comes from inside (XCLKSRCE) and its timer runs. A word is sent in the fixed-data-rate modes:
-a frame pulse of one bit before the first word of a burst, and no gap within it. The timers serve the clocks alone;
-their counters read as written, and the pins are no inputs or outputs of their own.
+a frame pulse of one bit before each word, in continuous mode (XFSM) only before the first of those that follow one
+another because DXR was reloaded in time (12-33). The handshake mode (HS) is not modelled: its bit is kept and has no
+effect. The timers serve the clocks alone; their counters read as written, and the pins are no inputs or outputs of
+their own.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ GLOBAL, X_PORT, R_PORT, TIMER_CONTROL, TIMER_COUNTER, TIMER_PERIOD, DXR, DRR = 0
 """Offsets of the registers from 808040h, words."""
 
 RRDY, XRDY, FSXOUT, XSREMPTY, RSRFULL, XCLKSRCE = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 6
+XFSM = 1 << 10
+"""Continuous mode of the transmitter; the number of the bit is from memory of the manual."""
 XINT, RINT, XRESET, RRESET = 1 << 23, 1 << 25, 1 << 26, 1 << 27
 XLEN_SHIFT, RLEN_SHIFT = 18, 20
 """Word lengths 0 to 3: 8, 16, 24 or 32 bits."""
@@ -69,8 +73,9 @@ def _bit_cycles(state: NDArray[np.void]) -> int:
 
 
 @jit
-def _load_shift_register(state: NDArray[np.void], now: int, pulse_bits: int) -> int:
+def _load_shift_register(state: NDArray[np.void], now: int, is_first: bool) -> int:
     """Begin to send the word in DXR; gives the request that this makes."""
+    pulse_bits = 1 if is_first or state[0].control & XFSM == 0 else 0
     length = (state[0].control >> XLEN_SHIFT & 3) + 1
     state[0].shifting = state[0].data_out
     state[0].out_waits = 0
@@ -106,7 +111,7 @@ def serial_advance(state: NDArray[np.void], now: int) -> int:
         state[0].ends = FAR_FUTURE
         requests |= _receive(state)
         if state[0].out_waits and _sends(state):
-            requests |= _load_shift_register(state, ended, 0)
+            requests |= _load_shift_register(state, ended, False)
     return requests
 
 
@@ -144,5 +149,5 @@ def serial_write(state: NDArray[np.void], offset: int, value: int, now: int) -> 
     elif offset <= TIMER_PERIOD:
         state[0].kept[offset] = value
     if state[0].out_waits and state[0].ends == FAR_FUTURE and _sends(state):
-        return _load_shift_register(state, now, 1)
+        return _load_shift_register(state, now, True)
     return 0

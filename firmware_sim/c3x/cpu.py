@@ -20,7 +20,7 @@ Disassembler = Callable[[int, int], str]
 _EXTENDED_REGISTERS: Final = 8
 _NOWHERE_AT_RESET: Final = (
     *("delay_end", "closed_since", "fetched", "segment0", "segment1"),
-    *("port_for_fetch", "port_for_reads", "port_for_reads_before"),
+    *("port_for_fetch", "port_fetched", "port_for_reads", "port_for_reads_before"),
     *("written_block", "full_block", "full_block_before"),
 )
 _SHOWN_OF_TRAIL: Final = 16

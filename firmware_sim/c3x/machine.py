@@ -91,10 +91,8 @@ STATE: Final = np.dtype(
         ("writable_words", np.int64),  # the words of ``memory`` behind these are read-only
         # The pipeline: cycles from which on something is free again, and the cache; see ``pipeline``.
         *((name, np.int64) for name in ("pointers_free", "page_free", "stack_free")),
-        *(
-            (name, np.int64)
-            for name in ("port_for_fetch", "read_port_before", "port_for_reads_before", "port_for_reads")
-        ),
+        *((name, np.int64) for name in ("port_for_fetch", "port_fetched", "read_port_before")),
+        *((name, np.int64) for name in ("port_for_reads_before", "port_for_reads")),
         *((name, np.int64) for name in ("writes", "written_block", "full_block", "full_block_before", "fetched")),
         *((f"{name}{segment}", np.int64) for segment in (0, 1) for name in ("segment", "present")),
     ]

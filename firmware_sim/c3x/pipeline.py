@@ -120,6 +120,7 @@ def _fetched(s: Any, waits: Any, st: int, pc: int, decode: int) -> int:
     if start > decode:
         start = max(start, s.port_for_reads)
     s.port_for_fetch = start + 1 + wait_states
+    s.port_fetched = s.port_for_fetch
     return max(decode, s.port_for_fetch)
 
 

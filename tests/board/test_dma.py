@@ -5,6 +5,7 @@ import pytest
 from firmware_sim.board.clock import FAR_FUTURE
 from firmware_sim.board.dma import (
     BUSY,
+    CHANNELS_TAKE_TURNS,
     CONTROL,
     COUNT,
     DECDST,
@@ -17,6 +18,8 @@ from firmware_sim.board.dma import (
     TC,
     TCINT,
     dma_end_transfer,
+    dma_first_channel,
+    dma_gives_way,
     dma_is_started,
     dma_next,
     dma_read,
@@ -70,3 +73,28 @@ def test_a_stopped_channel_gives_up_its_transfer(start: int) -> None:
     dma_write(state, 0, CONTROL, TC | start)
     assert dma_next(state) == FAR_FUTURE
     assert not dma_is_started(state, 0)
+
+
+@pytest.mark.parametrize(("takes_turns", "first"), [(0, (0, 0)), (CHANNELS_TAKE_TURNS, (1, 0))])
+def test_channel_0_is_first_unless_channels_take_turns(takes_turns: int, first: tuple[int, int]) -> None:
+    """Bit 14 of channel 0's register (12-56)."""
+    state = channels(START | takes_turns, 5)
+    assert dma_first_channel(state) == 0
+    for channel in (0, 1):
+        dma_end_transfer(state, channel)
+        assert dma_first_channel(state) == first[channel]
+
+
+@pytest.mark.parametrize(
+    ("priority", "gives_way"),
+    [(0b00, (True, True)), (0b01, (True, False)), (0b10, (True, False)), (0b11, (False, False))],
+)
+def test_who_has_the_port_first(priority: int, gives_way: tuple[bool, bool]) -> None:
+    """Bits 13 and 12 (12-56, 12-64): the processor, by turns with the processor first, or the DMA."""
+    state = channels(START | priority << 12, 5)
+    assert dma_gives_way(state, 0) == gives_way[0]
+    state[0]["asks_again"] = 100
+    assert dma_gives_way(state, 0) == gives_way[1]
+    assert dma_next(state) == 100
+    dma_write(state, 0, CONTROL, 0)
+    assert dma_next(state) == FAR_FUTURE

@@ -20,6 +20,7 @@ from firmware_sim.board.serial_port import (
     X_CLOCK_MODE,
     XCLKSRC,
     XCLKSRCE,
+    XFSM,
     XGO,
     XHLD,
     XINT,
@@ -72,24 +73,34 @@ def test_a_word_takes_a_frame_pulse_and_its_bits(length: int, mode: int, bit: in
     assert status(state) == XRDY
 
 
-def test_a_word_that_waits_follows_without_a_gap() -> None:
-    state = port()
+@pytest.mark.parametrize(("mode", "pulse"), [(0, 1), (XFSM, 0)])
+def test_a_word_that_waits_follows_at_once_in_continuous_mode_without_a_pulse(mode: int, pulse: int) -> None:
+    state = port(control=RUNS | mode)
     serial_write(state, DXR, 1, 0)
     assert serial_write(state, DXR, 2, 10) == 0
     assert status(state) == XSREMPTY
     assert serial_advance(state, 33 * BIT) == RECEIVED | TRANSMITTED
     assert serial_read(state, DRR) == 1
-    assert serial_next(state) == (33 + 32) * BIT
-    assert serial_advance(state, (33 + 32) * BIT) == RECEIVED
+    ends = (33 + pulse + 32) * BIT
+    assert serial_next(state) == ends
+    assert serial_advance(state, ends) == RECEIVED
     assert serial_read(state, DRR) == 2
     assert serial_next(state) == FAR_FUTURE
+
+
+def test_a_word_that_comes_too_late_begins_a_new_block_with_a_pulse() -> None:
+    state = port(control=RUNS | XFSM)
+    serial_write(state, DXR, 1, 0)
+    serial_advance(state, 33 * BIT)
+    serial_write(state, DXR, 2, 33 * BIT)
+    assert serial_next(state) == (33 + 33) * BIT
 
 
 def test_a_word_that_finds_the_receiver_full_is_lost_and_said() -> None:
     state = port()
     for word in (1, 2):
         serial_write(state, DXR, word, 0)
-    serial_advance(state, 65 * BIT)
+    serial_advance(state, 66 * BIT)
     assert status(state) == XRDY | RRDY | RSRFULL
     assert serial_read(state, DRR) == 1
     assert status(state) == XRDY

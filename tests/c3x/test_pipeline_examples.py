@@ -4,8 +4,8 @@
 the situation is as recalled, and the number follows from rules that have better evidence. No test of the last kind says
 that the manual was checked. ``cost`` is what is lost beside the cycles of the instructions themselves.
 
-Two are missing: 8-6, a fetch that waits for a DMA access, which belongs to the board, and 8-10, an interlocked load
-that waits for another processor, which this board does not have.
+Two are missing here: 8-6, a fetch that waits for a DMA access, is a test of the board (``test_dma_port``); 8-10 is an
+interlocked load that waits for another processor, which this board does not have.
 """
 
 from __future__ import annotations
