@@ -116,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.set_defaults(command=_run)
     run.add_argument(
-        "scenario", help="a built-in name (static, sway, moored, turn, transit), a .toml, .npz or .csv file"
+        "scenario", help="a built-in name (static, sway, moored, turn, transit), a .toml, .npz, .csv or .mat file"
     )
     run.add_argument("--board", metavar="FILE.toml", help="board file (docs/board.md); without it the default board")
     run.add_argument(
@@ -169,6 +169,7 @@ def _run(options: argparse.Namespace) -> int:
     flight = _flight(options)
     fly = cli_target.bench_of(options)
     outputs = _check_outputs(options)
+    cli_study.warn_of_recording(flight.scenario, _say)
     progress = _Progress()
     try:
         open_line = functools.partial(_open_line, options, flight)

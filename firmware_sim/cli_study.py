@@ -1,4 +1,4 @@
-"""The commands that answer questions with figures and tables: ``study``."""
+"""The commands that answer questions: ``study`` and ``check``."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import argparse
 import math
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from firmware_sim.errors import UsageError
 
 if TYPE_CHECKING:
+    from firmware_sim.plant.scenario import Scenario
     from firmware_sim.studies.outcome import Outcome, Settings, Study
 
 FINE = 0
@@ -31,6 +33,14 @@ def add_commands(commands: Any) -> None:
     _add_output(study)
     study.add_argument("--scenario", metavar="SCENARIO", help="another scenario, for a study that takes one")
     study.add_argument("--recorded", metavar="FILE.csv", help="a recorded line to lay over the curves (mil)")
+    check = commands.add_parser(
+        "check",
+        help="see whether a recording looks like what it is declared to be",
+        description="Compare gravity and Earth rate on the longest quiet stretch with what a unit at rest feels,"
+        " and say what looks swapped, scaled or flipped.",
+    )
+    check.set_defaults(command=_check)
+    check.add_argument("scenario", metavar="RECORDING", help="a recording, or a scenario file with [recording]")
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
@@ -62,6 +72,28 @@ def checked_seed(seed: int) -> int:
     if seed < 0:
         raise UsageError(f"--seed: expected a whole number, 0 or above, found {seed}")
     return seed
+
+
+def warn_of_recording(scenario: Scenario, say: Callable[[str], None]) -> None:
+    """Say what looks wrong with a recording before it is flown."""
+    from firmware_sim.plant.recording_check import check_source
+
+    if scenario.native_rate_hz is not None:
+        for remark in check_source(scenario.source(1.0 / scenario.native_rate_hz, 0)).remarks:
+            say(remark)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from firmware_sim.plant.recording_check import check_source
+    from firmware_sim.plant.scenario import load_scenario
+
+    scenario = load_scenario(options.scenario)
+    if scenario.native_rate_hz is None:
+        raise UsageError(f"check: expected a recording, found the motion {scenario.name}")
+    found = check_source(scenario.source(1.0 / scenario.native_rate_hz, 0))
+    right = () if found.remarks or found.notes or found.quiet is None else ("units and axes look right",)
+    sys.stdout.write("".join(f"{line}\n" for line in (found.summary, *found.remarks, *found.notes, *right)))
+    return FINE
 
 
 def _study(options: argparse.Namespace) -> int:

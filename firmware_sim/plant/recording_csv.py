@@ -15,27 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_sim.errors import UsageError
-from firmware_sim.plant.earth import STANDARD_GRAVITY_MPS2
 from firmware_sim.plant.recording import Recording, check_finite
+from firmware_sim.plant.recording_layout import BODY_AXES, SENSOR_UNITS, Layout, with_axes
 from firmware_sim.plant.scenario_keys import INITIAL_NAMES, find_key, to_si
 from firmware_sim.plant.source import Floats
 
 _CHUNK_LINES = 16384
-_DEG = np.pi / 180.0
-# Unit at the end of a column's name: its weight in SI, and whether it is a rate (else an increment).
-_GYRO_UNITS = {
-    "radps": (1.0, True),
-    "degps": (_DEG, True),
-    "degph": (_DEG / 3600.0, True),
-    "rad": (1.0, False),
-    "deg": (_DEG, False),
-    "arcsec": (_DEG / 3600.0, False),
-}
-_ACC_UNITS = {"mps2": (1.0, True), "g": (STANDARD_GRAVITY_MPS2, True), "mps": (1.0, False)}
-_SENSORS = {"gyro": _GYRO_UNITS, "acc": _ACC_UNITS}
 _SETTING = re.compile(r"#\s*(\w+)\s*=\s*(.*?)\s*$")
-_RATE_KEY = "rate_hz"
+_RATE_KEY, _AXES_KEY = "rate_hz", "axes"
 _SETTING_NAMES = {*INITIAL_NAMES, _RATE_KEY}
+_USUAL = Layout()
 _STEP_TOLERANCE = 0.25  # of a sample period: time stamps of few digits jitter by that much at most
 _ROUNDING = 1e-9  # of a rate: what float arithmetic leaves of a whole number of hertz
 
@@ -48,15 +37,23 @@ class _Header:
     settings: dict[str, float]
     names: tuple[str, ...]
     lines: int
+    axes: str
 
     def column(self, name: str) -> int:
         """Index of a column that exists."""
         return self.names.index(name)
 
-    def sensor_columns(self) -> tuple[list[int], Floats, NDArray[np.bool_]]:
+    def sensor_columns(self, layout: Layout) -> tuple[list[int], Floats, NDArray[np.bool_]]:
         """Columns of the six channels, their weights and whether they are rates."""
         columns, weights, rates = [], [], []
-        for sensor, units in _SENSORS.items():
+        if layout.names_channels:
+            for sensor in SENSOR_UNITS:
+                weight, is_rate = layout.weight(sensor)
+                columns += self._named_columns(layout, sensor)
+                weights += [weight] * 3
+                rates += [is_rate] * 3
+            return columns, np.array(weights), np.array(rates)
+        for sensor, units in SENSOR_UNITS.items():
             for axis in "xyz":
                 names = [name for name in self.names if name.startswith(f"{sensor}_{axis}_")]
                 if len(names) != 1:
@@ -69,18 +66,32 @@ class _Header:
                 rates.append(is_rate)
         return columns, np.array(weights), np.array(rates)
 
+    def _named_columns(self, layout: Layout, sensor: str) -> list[int]:
+        names = layout.names(sensor)
+        missing = [name for name in names if name not in self.names]
+        if missing or len(names) != 3:
+            wanted = f"a column {missing[0]}" if missing else "three columns"
+            raise UsageError(
+                f"{self.path}:{self.lines}: expected {wanted} for {layout.where} {sensor},"
+                f" found {', '.join(self.names)}"
+            )
+        return [self.column(name) for name in names]
 
-def open_csv(path: Path) -> Recording:
-    """Check a recording from end to end; raise ``UsageError`` for whatever is wrong with it."""
+
+def open_csv(path: Path, layout: Layout = _USUAL) -> Recording:
+    """Check a recording from end to end; raise ``UsageError`` for whatever is wrong with it.
+
+    ``layout`` gives the names of columns, their units, rate and axes where they are not the usual ones.
+    """
     with _text(path) as stream:
-        header = _read_header(path, stream)
-    columns, weights, rates = header.sensor_columns()
+        header = _read_header(path, stream, layout)
+    columns, weights, rates = header.sensor_columns(layout)
     rate_hz, samples = _check_data(header)
     weights = np.where(rates, weights / rate_hz, weights)
     state = np.full(9, np.nan)
     for column, name in enumerate(INITIAL_NAMES):
         state[column] = header.settings.get(name, np.nan)
-    return Recording(
+    recording = Recording(
         path=path,
         rate_hz=rate_hz,
         samples=samples,
@@ -90,6 +101,7 @@ def open_csv(path: Path) -> Recording:
         truth=None,
         chunks=partial(_rows, header, columns, weights, rate_hz),
     )
+    return recording if layout.axes else with_axes(recording, header.axes, f"{path}: # {_AXES_KEY}")
 
 
 def _rows(header: _Header, columns: list[int], weights: Floats, rate_hz: float) -> Iterator[Floats]:
@@ -111,12 +123,14 @@ def _rows(header: _Header, columns: list[int], weights: Floats, rate_hz: float) 
 
 def _check_data(header: _Header) -> tuple[float, int]:
     """Read everything once; return the rate in Hz and the number of samples."""
-    time_column = header.column("time_s")
+    time_column = header.column("time_s") if "time_s" in header.names else None
     period_s = 1.0 / header.settings[_RATE_KEY] if _RATE_KEY in header.settings else None
     samples, first_s, last_s = 0, 0.0, None
     for lines, table in _tables(header):
         check_finite(table, header.names, lambda row, lines=lines: f"{header.path}:{lines[row]}")  # type: ignore[misc]
-        times = table[:, time_column]
+        # Without a column of time the samples are the clock.
+        times = np.arange(samples, samples + len(table)) * (period_s or 0.0)
+        times = times if time_column is None else table[:, time_column]
         if last_s is None:
             first_s = float(times[0])
             steps, lines = np.diff(times), lines[1:]
@@ -207,15 +221,22 @@ def _is_number(field: str) -> bool:
         return False
 
 
-def _read_header(path: Path, stream: TextIO) -> _Header:
+def _read_header(path: Path, stream: TextIO, layout: Layout) -> _Header:
     """Read comment lines, of which ``# key = value`` with a key we know are settings, and the line of column names."""
     settings: dict[str, float] = {}
+    axes = BODY_AXES
+    if layout.rate_hz is not None:
+        settings[_RATE_KEY] = layout.rate_hz
     for number, line in enumerate(stream, start=1):
         if not line.strip():
             continue
         if not line.startswith("#"):
-            return _Header(path, settings, _column_names(path, number, line), number)
-        if (match := _SETTING.match(line)) and match[1] in _SETTING_NAMES:
+            names = _column_names(path, number, line, layout, has_rate=_RATE_KEY in settings)
+            return _Header(path, settings, names, number, axes)
+        match = _SETTING.match(line)
+        if match and match[1] == _AXES_KEY:
+            axes = match[2]
+        elif match and match[1] in _SETTING_NAMES and (match[1] != _RATE_KEY or layout.rate_hz is None):
             settings[match[1]] = _setting(match[1], match[2], f"{path}:{number}")
     raise UsageError(f"{path}: expected a line with the names of the columns, found none")
 
@@ -233,18 +254,19 @@ def _setting(name: str, text: str, where: str) -> float:
     return value
 
 
-def _column_names(path: Path, number: int, line: str) -> tuple[str, ...]:
+def _column_names(path: Path, number: int, line: str, layout: Layout, has_rate: bool) -> tuple[str, ...]:
     names = tuple(name.strip() for name in line.split(","))
     known = {"time_s", "height_m", "climb_mps"}
-    known |= {f"{sensor}_{axis}_{unit}" for sensor, units in _SENSORS.items() for axis in "xyz" for unit in units}
+    known |= {f"{sensor}_{axis}_{unit}" for sensor, units in SENSOR_UNITS.items() for axis in "xyz" for unit in units}
     for name in names:
-        if name not in known:
+        if name not in known and not layout.names_channels:
             wanted = "time_s, gyro_x_radps, acc_x_mps2 and the like (docs/scenarios.md)"
             raise UsageError(f"{path}:{number}: expected columns {wanted}, found {name[:40]!r}")
         if names.count(name) > 1:
             raise UsageError(f"{path}:{number}: expected each column once, found {name} again")
-    if "time_s" not in names or ("climb_mps" in names and "height_m" not in names):
-        missing = "height_m beside climb_mps" if "time_s" in names else "time_s"
+    lacks_time = "time_s" not in names and not (layout.names_channels and has_rate)
+    if lacks_time or ("climb_mps" in names and "height_m" not in names):
+        missing = "time_s" if lacks_time else "height_m beside climb_mps"
         raise UsageError(f"{path}:{number}: expected a column {missing}, found {', '.join(names)}")
     return names
 

@@ -13,13 +13,15 @@ from firmware_sim.errors import UsageError
 from firmware_sim.plant.imu import ImperfectUnit, TriadErrors, UnitErrors
 from firmware_sim.plant.recording import RecordedSource, Recording
 from firmware_sim.plant.recording_csv import open_csv
+from firmware_sim.plant.recording_layout import Layout, with_axes
+from firmware_sim.plant.recording_mat import open_mat
 from firmware_sim.plant.recording_npz import open_npz
 from firmware_sim.plant.scenario_keys import INITIAL_NAMES, TOP, Values, read_values
 from firmware_sim.plant.source import Floats, Source
 from firmware_sim.plant.trajectory import Motion, Trajectory
 
 _BUILT_IN = Path(__file__).parent / "scenarios"
-_OPENERS = {".npz": open_npz, ".csv": open_csv}
+_SUFFIXES = (".npz", ".csv", ".mat")
 
 
 @dataclass(frozen=True)
@@ -86,19 +88,37 @@ def built_in_names() -> list[str]:
 
 
 def load_scenario(name_or_path: str) -> Scenario:
-    """Return a scenario by its built-in name or from a ``.toml``, ``.npz`` or ``.csv`` file.
+    """Return a scenario by its built-in name or from a ``.toml``, ``.npz``, ``.csv`` or ``.mat`` file.
 
     Raises ``UsageError`` for an unknown name and for anything that is wrong with a file.
     """
     if name_or_path in built_in_names():
         return _from_file(_BUILT_IN / f"{name_or_path}.toml")
     path = Path(name_or_path)
-    if path.suffix in _OPENERS:
-        return _recorded(path.stem, _OPENERS[path.suffix](path), 0, np.full(9, np.nan), None)
+    if path.suffix in _SUFFIXES:
+        return _recorded(path.stem, _opened(path, Layout()), 0, np.full(9, np.nan), None)
     if path.suffix == ".toml":
         return _from_file(path)
     names = ", ".join(built_in_names())
-    raise UsageError(f"scenario: expected one of {names}, or a .toml, .npz or .csv file, found {name_or_path!r}")
+    raise UsageError(f"scenario: expected one of {names}, or a .toml, .npz, .csv or .mat file, found {name_or_path!r}")
+
+
+def _opened(path: Path, layout: Layout) -> Recording:
+    """Check a recording of any kind, and turn it into body axes."""
+    if path.suffix == ".mat":
+        recording = open_mat(path, layout)
+    elif path.suffix == ".csv":
+        recording = open_csv(path, layout)
+    elif layout.names_channels or layout.rate_hz is not None:
+        raise UsageError(f"{layout.where}: expected no names, units or rate beside a .npz file, which has its own")
+    else:
+        recording = open_npz(path)
+    return with_axes(recording, layout.axes, f"{layout.where} axes")
+
+
+def _layout(values: Values, path: Path) -> Layout:
+    texts = {name: str(values.get("recording", name)) for name in ("gyro", "acc", "gyro_unit", "acc_unit", "axes")}
+    return Layout(**texts, rate_hz=values.si_or_none("recording", "rate_hz"), where=f"{path}: [recording]")
 
 
 def _from_file(path: Path) -> Scenario:
@@ -112,9 +132,9 @@ def _from_file(path: Path) -> Scenario:
         if values.has_table(table):
             raise UsageError(f"{path}: [{table}]: expected nothing but [initial] beside [recording], found this table")
     file = path.parent / str(values.get("recording", "file"))
-    if file.suffix not in _OPENERS:
-        raise UsageError(f"{path}: [recording] file: expected a .npz or .csv file, found {str(file)!r}")
-    recording = _OPENERS[file.suffix](file)
+    if file.suffix not in _SUFFIXES:
+        raise UsageError(f"{path}: [recording] file: expected a .npz, .csv or .mat file, found {str(file)!r}")
+    recording = _opened(file, _layout(values, path))
     known = [values.si_or_none("initial", name) for name in INITIAL_NAMES]
     first = recording.start_sample(values.si("recording", "start_s"))
     return _recorded(path.stem, recording, first, np.array(known, dtype=float), duration_s)

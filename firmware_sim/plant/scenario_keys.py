@@ -17,6 +17,7 @@ _LARGEST = sys.float_info.max  # TOML knows longer integers
 _TO_SI = {
     "": 1.0,
     "s": 1.0,
+    "Hz": 1.0,
     "m": 1.0,
     "m/s": 1.0,
     "deg": _DEG,
@@ -110,8 +111,14 @@ KEYS = (
     Key("sensors", "acc_random_walk_ugprthz", "ug/sqrt(Hz)", 0, 1e6, 20.0, "velocity random walk: one sigma"),
     Key("sensors", "acc_scale_ppm", "ppm", 0, 1e5, 100.0, "scale factor error: one sigma"),
     Key("sensors", "acc_misalignment_arcsec", "arcsec", 0, 1e5, 10.0, "six small angles: one sigma each"),
-    Key("recording", "file", "", 0, 0, "", "`.npz` or `.csv`, relative to the scenario file", required=True),
+    Key("recording", "file", "", 0, 0, "", "`.npz`, `.csv` or `.mat`, relative to the scenario file", required=True),
     Key("recording", "start_s", "s", 0, inf, 0.0, "time in the recording at which the run begins"),
+    Key("recording", "gyro", "", 0, 0, "", "what the file calls the gyros: three names, or one array of three"),
+    Key("recording", "acc", "", 0, 0, "", "what the file calls the accelerometers"),
+    Key("recording", "gyro_unit", "", 0, 0, "", "rate `radps` `degps` `degph`, or increment `rad` `deg` `arcsec`"),
+    Key("recording", "acc_unit", "", 0, 0, "", "specific force `mps2` `g`, or increment `mps`"),
+    Key("recording", "rate_hz", "Hz", 0.001, 1e6, None, "samples per second, where the file does not say it"),
+    Key("recording", "axes", "", 0, 0, "", "directions of the file's x, y and z, such as `forward right down`"),
     *_position("initial", None, None, None),
     Key("initial", "vel_east_mps", "m/s", -1000, 1000, None, "velocity over ground, east"),
     Key("initial", "vel_north_mps", "m/s", -1000, 1000, None, "velocity over ground, north"),
@@ -205,4 +212,4 @@ def _default_in_words(key: Key) -> str:
         return "must be given"
     if isinstance(key.default, bool):
         return str(key.default).lower()
-    return "-" if key.default is None else f"{key.default:.12g}"
+    return "-" if key.default is None or key.default == "" else f"{key.default:.12g}"

@@ -161,8 +161,8 @@ BAD_FILES = [
     ("[recording]\nfile = 3", ": [recording] file: expected a text, found 3"),
     ("[recording]\nstart_s = 3", ": [recording]: expected the key file, found none"),
     ("[recording]", ": [recording]: expected the key file, found none"),
-    ("[recording]\nfile = '/tmp'", ": [recording] file: expected a .npz or .csv file, found '/tmp'"),
-    ("[recording]\nfile = '/tmp/a.mat'", ": [recording] file: expected a .npz or .csv file, found '/tmp/a.mat'"),
+    ("[recording]\nfile = '/tmp'", ": [recording] file: expected a .npz, .csv or .mat file, found '/tmp'"),
+    ("[recording]\nfile = '/tmp/a.txt'", ": [recording] file: expected a .npz, .csv or .mat file, found '/tmp/a.txt'"),
     (
         "[recording]\nfile = 'a.npz'\n[motion]\nspeed_mps = 1",
         ": [motion]: expected nothing but [initial] beside [recording]",
