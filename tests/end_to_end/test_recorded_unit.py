@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware_sim import bench_firmware
 from firmware_sim.bench import Flight, run
 from firmware_sim.board.line import FileLine
-from firmware_sim.board.sheet import BoardSheet
+from firmware_sim.board.sheet import AlignmentSheet, BoardSheet
 from firmware_sim.errors import UsageError
+from firmware_sim.firmware import telemetry
 from firmware_sim.plant.scenario import load_scenario
 from tests.end_to_end.line_reader import frames_of
 
@@ -53,3 +55,25 @@ def test_ten_minutes_of_pure_inertial_navigation(tmp_path, recording_path):
     assert np.hypot(north_m, east_m) == pytest.approx(28.9, rel=0.1)
     assert last["vel_east"] == pytest.approx(-0.118, abs=0.01)
     assert last["vel_north"] == pytest.approx(-0.003, abs=0.01)
+
+
+@pytest.mark.needs_recording
+@pytest.mark.parametrize("engine", ["double", "c3x", "iss"])
+def test_the_unit_aligns_itself_and_navigates_for_ten_minutes(tmp_path, recording_path, engine):
+    """Alignment over 300 s to 900 s, in which people walk about, then pure inertial navigation."""
+    line, path = tmp_path / "line.raw", tmp_path / "parked.toml"
+    path.write_text(f'[recording]\nfile = "{recording_path}"\nstart_s = 300.0\n')
+    sheet = BoardSheet(alignment=AlignmentSheet(settling_s=600.0))
+    fly = bench_firmware.run if engine == "iss" else run
+    report = fly(Flight(load_scenario(str(path)), sheet, engine, 1200.0), open_line=lambda: FileLine(line))
+    navigating = [frame for frame in frames_of(line) if frame["mode"] == telemetry.NAVIGATE]
+    first, last = navigating[0], navigating[-1]
+    # The recording's description: its own alignments differ by up to 4.5 arcmin between windows.
+    assert first["azimuth"] == pytest.approx(-90.59464, abs=4.5 / 60)
+    assert first["pitch"] == pytest.approx(0.92323, abs=0.002)
+    assert first["roll"] == pytest.approx(0.36202, abs=0.002)
+    north_m = np.radians(last["latitude"] - 34.246048) * 6.36e6
+    east_m = np.radians(last["longitude"] - 108.909664) * 6.38e6 * np.cos(np.radians(34.246))
+    assert np.hypot(north_m, east_m) < 45.0
+    if engine != "double":
+        assert report["errors_vs_double"]["attitude_arcmin"]["max"] < 0.1
