@@ -114,6 +114,11 @@ class Firmware:
             slow={self.address(name) & 0xFFFF for name in _DEVICE_POINTERS},
         )
 
+    def with_bounds(self) -> Firmware:
+        """The same, with its bounds worked out: so they are kept beside it."""
+        assert self.service_bounds
+        return self
+
     @functools.cached_property
     def service_bounds(self) -> ServiceBounds:
         """The bounds of a tick without a command, of a sample while its sum cannot overflow, of a transmission."""
@@ -141,7 +146,7 @@ def build_firmware(sheet: BoardSheet, start: Start | None = None, extra: Kernel 
         _check_extra(extra, _roots(sheet))
         return _build(sheet, start, extra)
     key = f"{sheet} {start} {_assembly_text()}"
-    firmware: Firmware = remembered("firmware", key, __file__, lambda: _build(sheet, start, None))
+    firmware: Firmware = remembered("firmware", key, __file__, lambda: _build(sheet, start, None).with_bounds())
     return firmware
 
 
