@@ -1,4 +1,4 @@
-"""The commands that answer questions: ``study`` and ``check``."""
+"""The commands that answer questions: ``study``, ``allan`` and ``check``."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 FINE = 0
 _LONGEST_S = 1e6
+_LEAST_RATE_HZ, _MOST_RATE_HZ = 0.1, 10_000.0
 _SECONDS_BETWEEN_LINES = 10.0
 
 
@@ -33,6 +34,16 @@ def add_commands(commands: Any) -> None:
     _add_output(study)
     study.add_argument("--scenario", metavar="SCENARIO", help="another scenario, for a study that takes one")
     study.add_argument("--recorded", metavar="FILE.csv", help="a recorded line to lay over the curves (mil)")
+    allan = commands.add_parser(
+        "allan",
+        help="Allan deviation of a recording or of the simulated unit",
+        description="Draw the Allan deviation of all six channels and read random walk and bias instability off it; of"
+        " a simulated scenario's sensor errors, without its motion.",
+    )
+    allan.set_defaults(command=_allan)
+    allan.add_argument("scenario", metavar="RECORDING|SCENARIO", help="a recording, a built-in name or a scenario file")
+    _add_output(allan)
+    allan.add_argument("--rate", type=float, metavar="HZ", help="samples per second of the simulated unit (100)")
     check = commands.add_parser(
         "check",
         help="see whether a recording looks like what it is declared to be",
@@ -81,6 +92,24 @@ def warn_of_recording(scenario: Scenario, say: Callable[[str], None]) -> None:
     if scenario.native_rate_hz is not None:
         for remark in check_source(scenario.source(1.0 / scenario.native_rate_hz, 0)).remarks:
             say(remark)
+
+
+def _allan(options: argparse.Namespace) -> int:
+    from firmware_sim.plant.scenario import load_scenario
+    from firmware_sim.studies import allan
+
+    if options.rate is not None and not _LEAST_RATE_HZ <= options.rate <= _MOST_RATE_HZ:
+        raise UsageError(
+            f"--rate: expected a number from {_LEAST_RATE_HZ:g} to {_MOST_RATE_HZ:g} Hz, found {options.rate:g}"
+        )
+    duration_s, seed = checked_duration_s(options.duration), checked_seed(options.seed)
+    scenario = load_scenario(options.scenario)
+    progress = Progress()
+    try:
+        outcome = allan.run(scenario, options.rate, duration_s, seed, progress.show)
+    finally:
+        progress.clear()
+    return _finish(outcome, "allan", Path(options.output))
 
 
 def _check(options: argparse.Namespace) -> int:

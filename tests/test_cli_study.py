@@ -60,6 +60,16 @@ def test_run_warns_of_a_recording(capsys, tmp_path):
     assert status in (0, 2)
 
 
+def test_allan_writes_its_files(capsys, tmp_path):
+    arguments = ["allan", "static", "--rate", "10", "--duration", "60", "-o", str(tmp_path)]
+    assert cli.main(arguments) == 0
+    names = ["allan.png", "allan.txt", "allan_coefficients.csv", "allan_deviation.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    assert "deg/sqrt(h)" in capsys.readouterr().out
+    assert cli.main(["allan", "static", "--rate", "0", "-o", str(tmp_path)]) == 2
+    assert "--rate: expected a number from 0.1 to 10000 Hz, found 0" in capsys.readouterr().err
+
+
 def test_a_study_writes_its_files(capsys, tmp_path):
     assert cli.main(["study", "slips", "--duration", "0.5", "-o", str(tmp_path / "new")]) == 0
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["slips.csv", "slips.png", "slips.txt"]
