@@ -13,9 +13,10 @@ demo: $(INSTALLED)
 test: lint
 	$(BIN)/pytest
 
-# A million random trials of each kernel, machine code against the c3x build.
+# A million random trials of each kernel, machine code against the c3x build; an hour's flights of both mechanisations.
 nightly: $(INSTALLED)
 	FIRMWARE_SIM_TRIALS=1000000 $(BIN)/pytest tests/nav/test_machine_code.py
+	FIRMWARE_SIM_FLIGHT_S=3600 $(BIN)/pytest tests/nav/test_mechanisations.py
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check

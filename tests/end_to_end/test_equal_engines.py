@@ -10,7 +10,7 @@ import pytest
 from firmware_sim import bench, bench_firmware
 from firmware_sim.bench import Flight
 from firmware_sim.board.line import FileLine
-from firmware_sim.board.sheet import AdcSheet, AlignmentSheet, BoardSheet, TickSheet, UartSheet
+from firmware_sim.board.sheet import AdcSheet, AlignmentSheet, BoardSheet, NavigationSheet, TickSheet, UartSheet
 from firmware_sim.firmware import telemetry
 from firmware_sim.plant.scenario import load_scenario
 from tests.end_to_end.test_recorded_unit import EXCERPT, aligned
@@ -36,6 +36,11 @@ def without_the_measured_field(sheet: BoardSheet, sent: bytes) -> list[tuple[int
 SHEETS = {
     "default": BoardSheet(),
     "aligning": BoardSheet(alignment=AlignmentSheet(settling_s=26.0, coarse_s=12.0)),
+    "enu": BoardSheet(navigation=NavigationSheet(mechanisation="enu")),
+    "enu, every option": BoardSheet(
+        navigation=NavigationSheet("enu", "krassovsky", "first-order", "original", "damped")
+    ),
+    "wander, damped": BoardSheet(navigation=NavigationSheet(vertical="damped")),
     "40 ms, 500 Hz, 57600 baud": BoardSheet(
         tick=TickSheet(period_s=0.04), adc=AdcSheet(rate_hz=500.0, bits=20), uart=UartSheet(baud=57600)
     ),
@@ -49,6 +54,10 @@ SHEETS = {
         ("turn", "default", 7),
         ("transit", "default", 3),
         ("sway", "40 ms, 500 Hz, 57600 baud", 5),
+        ("sway", "enu", 1),
+        ("turn", "enu", 2),
+        ("transit", "enu, every option", 4),
+        ("turn", "wander, damped", 6),
         ("moored", "aligning", 4),
     ],
 )

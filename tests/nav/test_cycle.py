@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from firmware_sim.firmware.solver import Solver, Start
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, Machine
+from firmware_sim.nav.choices import Navigator
 from firmware_sim.nav.motion import POLE
 
 Floats = NDArray[np.float64]
@@ -204,6 +205,7 @@ def fly(
     solution_of: SolutionOf,
     parts: Iterable[tuple[int, int]] = (HALVES,),
     duration_s: float = FLIGHT_S,
+    chosen: Navigator | None = None,
 ) -> Landing:
     """Fly with cycles of so many samples in their first and second parts, in turn."""
     pattern = list(parts)
@@ -214,7 +216,7 @@ def fly(
     height = flight.at(edges[2::2]).height
     start = flight.mat_te @ flight.at(np.zeros(1)).velocity_e_mps[0]
     lat_rad, lon_rad = math.radians(flight.lat_deg), math.radians(flight.lon_deg)
-    solver = Solver(machine, SCALE, Start(lat_rad, lon_rad, tuple(start), PITCH_RAD, ROLL_RAD, AZIMUTH_RAD))
+    solver = Solver(machine, SCALE, Start(lat_rad, lon_rad, tuple(start), PITCH_RAD, ROLL_RAD, AZIMUTH_RAD), chosen)
     flags = set()
     for i, (n1, n2) in enumerate(split.tolist()):
         solver.step(sums[i], n1, n2, round(height.value[i] * 1000.0), round(height.first[i] * 1000.0))
