@@ -8,11 +8,16 @@ flown again.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi, radians
 
 import numpy as np
 
+from firmware_sim.firmware.solver import Solver
+from firmware_sim.firmware.start import Start
+from firmware_sim.kernels.lower_numba import C3X, DOUBLE, Machine
+from firmware_sim.nav.choices import navigator
 from firmware_sim.plant.earth import STANDARD_GRAVITY_MPS2
 from firmware_sim.plant.source import Floats, Initial
 from firmware_sim.plant.trajectory import Motion, Trajectory
@@ -39,6 +44,9 @@ HALF_PLACE = 0.5e-4
 DEG_PER_HOUR = pi / 180.0 / 3600.0
 MICRO_G = 1e-6 * STANDARD_GRAVITY_MPS2
 _ROWS = 600
+FOUND = "gyros, for the velocities"
+# Counts for the board's kernels, fine enough to leave only the kernels' own errors.
+_GYRO_LSB_RAD, _ACC_LSB_MPS = 1e-12, 1e-9
 PLACE, VELOCITY = slice(0, 2), slice(2, 4)
 
 
@@ -82,23 +90,27 @@ class Response:
 
 
 def run(settings: Settings, progress: Progress) -> Outcome:
-    """Seek gyro errors, and accelerometer errors, that end where the text ends."""
+    """Seek gyro errors, and accelerometer errors, that end where the text ends; fly them on the board's kernels too."""
     count = SAMPLES if settings.duration_s is None else max(2, round(settings.duration_s * RATE_HZ))
-    return answer(samples_at_rest(count), progress)
+    return answer(samples_at_rest(count), progress, (DOUBLE, C3X))
 
 
-def answer(samples: Samples, progress: Progress) -> Outcome:
-    """The study over given samples."""
+def answer(samples: Samples, progress: Progress, machines: Sequence[Machine] = ()) -> Outcome:
+    """The study over given samples; ``machines`` fly what was found on the board's east-north-up kernels."""
     gyro, acc = responses(samples, progress)
     sought = {
         "no errors": (GYROS, np.zeros(2)),
-        "gyros, for the velocities": (GYROS, gyro.errors_for(VELOCITY)),
+        FOUND: (GYROS, gyro.errors_for(VELOCITY)),
         "accelerometers, for the velocities": (ACCELEROMETERS, acc.errors_for(VELOCITY)),
         "accelerometers, for the place": (ACCELEROMETERS, acc.errors_for(PLACE)),
     }
     track = fly(samples, np.array([bias_b(*error) for error in sought.values()]), progress)
     ends = ends_of(track)
     rows = [_row(name, *sought[name], end) for name, end in zip(sought, ends, strict=True)]
+    for machine in machines:
+        progress(f"the board's kernels, {machine.name} ...")
+        end = end_on_kernels(machine, samples, bias_b(*sought[FOUND]))
+        rows.append(_row(f"{FOUND}, board's kernels, {machine.name}", *sought[FOUND], end))
     rows.append(("printed", "", *map(float, PRINTED), ""))
     columns = ("constant errors of", "east, north", "lat_deg", "lon_deg", "vel_east_mps", "vel_north_mps", "agrees")
     return Outcome(
@@ -141,6 +153,27 @@ def ends_of(track: Track) -> Floats:
     return np.column_stack([np.degrees(track.place_rad[-1]), track.vel_t_mps[-1, :, :2]])
 
 
+def end_on_kernels(machine: Machine, samples: Samples, bias: Floats) -> Floats:
+    """The end (4,), as ``PRINTED``, of the board's east-north-up kernels on samples with a constant error (6,) in SI.
+
+    One sample a tick, as the text has it: ticks of 12.5 ms at 80 Hz.
+    """
+    weights = (_GYRO_LSB_RAD, _ACC_LSB_MPS)
+    start = Start(START.lat_rad, START.lon_rad, START.vel_t_mps, START.pitch_rad, START.roll_rad, START.azimuth_rad)
+    solver = Solver(machine, (*weights, samples.period_s), start, navigator("enu"))
+    solver.compile()
+    increments = samples.increments + bias * samples.period_s
+    total = np.rint(np.cumsum(increments, axis=0) / np.repeat(weights, 3))
+    counts = np.diff(total, axis=0, prepend=0.0).astype(np.int64)
+    sums = np.hstack([counts, np.zeros_like(counts)])
+    height_mm = round(START.height_m * 1000.0)
+    for row in sums:
+        solver.step(row, 1, 0, height_mm, 0)
+    solution = machine.values(solver.solution())
+    place_deg = np.degrees([solution[8] + solution[9], solution[10] + solution[11]])
+    return np.array([*place_deg, *solution[5:7]])
+
+
 def responses(samples: Samples, progress: Progress) -> tuple[Response, Response]:
     """What gyro errors and what accelerometer errors do to the end."""
     steps = [(sensor, axis) for sensor in (GYROS, ACCELEROMETERS) for axis in range(2)]
@@ -171,7 +204,7 @@ def _row(name: str, sensor: Sensor, errors: Floats, end: Floats) -> tuple[str | 
 def _charts(track: Track, names: list[str]) -> list[Chart]:
     east_m, north_m = _offsets_m(track.place_rad)
     place_deg = np.degrees(track.place_rad)
-    curves, gyros = range(len(names)), names.index("gyros, for the velocities")
+    curves, gyros = range(len(names)), names.index(FOUND)
     end_east_m, end_north_m = _offsets_m(np.radians(PRINTED[:2]))
     velocity_panels = [
         Panel(

@@ -32,10 +32,12 @@ class Samples:
     """Increments over consecutive samples, ready for a navigator that makes one step a sample.
 
     ``rotation_rad`` (n, 3): rotation vectors; ``velocity_mps`` (n, 3): velocity increments in the body axes of the
-    sample's start; ``height_m``, ``climb_mps`` (n,) at the end of each sample; ``truth`` (n, 9) as in a ``Block``.
+    sample's start; ``height_m``, ``climb_mps`` (n,) at the end of each sample; ``increments`` (n, 6) and ``truth``
+    (n, 9) as in the ``Block`` that they were made of.
     """
 
     period_s: float
+    increments: Floats
     rotation_rad: Floats
     velocity_mps: Floats
     height_m: Floats
@@ -59,6 +61,7 @@ def read_samples(source: Source, count: int) -> Samples:
     a0, v0 = np.vstack([a[:1], a[:-1]]), np.vstack([v[:1], v[:-1]])
     return Samples(
         source.sample_period_s,
+        block.increments,
         a + np.cross(a0, a) / 12.0,
         v + 0.5 * np.cross(a, v) + (np.cross(a0, v) + np.cross(v0, a)) / 12.0,
         block.height[:, 0],
@@ -160,11 +163,14 @@ class Navigator(ABC):
         step_s = np.full((len(self.variants), 1), samples.period_s)
         step_s[self.has("step")] = WRONG_STEP_S
         ratio, drift = step_s / samples.period_s, self.biases * step_s
+        # The (a x v)/2 of the biases, which the samples do not know.
+        half_drift = 0.5 * cross_matrix(drift[:, :3])
         kept = [(0.0, *self.solution())]
         stride = max(1, samples.count // rows)
         for k in range(samples.count):
             rotation = ratio * samples.rotation_rad[k] + drift[:, :3]
             velocity = ratio * samples.velocity_mps[k] + drift[:, 3:]
+            velocity = velocity + turned(half_drift, velocity)
             self.step(rotation, velocity, step_s, float(samples.height_m[k]), float(samples.climb_mps[k]))
             if (k + 1) % stride == 0 or k + 1 == samples.count:
                 kept.append(((k + 1) * samples.period_s, *self.solution()))

@@ -7,13 +7,14 @@ from math import cos, sin, sqrt
 import numpy as np
 import pytest
 
+from firmware_sim.kernels.lower_numba import DOUBLE
 from firmware_sim.studies import enu_static
 from firmware_sim.studies.enu_static import HALF_PLACE, PRINTED, VELOCITY
 
 
 @pytest.fixture(scope="module")
 def outcome():
-    return enu_static.answer(enu_static.samples_at_rest(4800, rate_hz=8.0), lambda _: None)
+    return enu_static.answer(enu_static.samples_at_rest(4800, rate_hz=8.0), lambda _: None, [DOUBLE])
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +31,12 @@ def test_gyro_errors_give_the_printed_end(by_name):
     assert row[1] == "+0.0082, -0.0072 deg/h"
     assert np.abs(end_of(row) - PRINTED).max() <= HALF_PLACE
     assert row[6] == "lat lon vE vN"
+
+
+def test_the_board_s_kernels_end_at_the_same_place(by_name):
+    plain, kernels = (end_of(by_name[f"gyros, for the velocities{name}"]) for name in ("", ", board's kernels, double"))
+    # 1e-8 deg is a millimetre; steps of an eighth of a second.
+    assert np.abs(plain - kernels).max() < 2e-7
 
 
 def test_accelerometer_errors_cannot(outcome, by_name):
