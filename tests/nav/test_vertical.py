@@ -187,7 +187,7 @@ def test_normal_gravity(lat_deg: float, gravity_mps2: float) -> None:
 @pytest.mark.parametrize("formula", [earth.original_wander_gravity, earth.original_level_gravity])
 def test_the_original_formulas_are_gravity_within_their_figures(formula: Callable[[float, float], float]) -> None:
     for sin_lat in np.sin(np.radians(np.linspace(-90.0, 90.0, 19))).tolist():
-        # 9.7803 + 0.051799 sin^2 L lacks the term in sin^2 2L: 6e-5, and is of the year 1930.
+        # 9.7803 + 0.051799 sin^2 L lacks the term in sin^2 2L: 6e-5.
         assert formula(sin_lat, 0.0) == pytest.approx(earth.gravity(sin_lat, 0.0), abs=1e-4)
     assert earth.original_level_gravity(0.5, 3000.0) == pytest.approx(earth.gravity(0.5, 3000.0), abs=5e-5)
     assert earth.original_wander_gravity(0.5, 3000.0) == earth.original_wander_gravity(0.5, 0.0)
