@@ -252,7 +252,10 @@ class RunBuilder:
 
     def _split_index(self, index: Expression) -> tuple[Value, int]:
         computed, offset = split_index(index)
-        return self._value(computed), offset
+        at = self._value(computed)
+        if at.op == "constant":  # through a variable that is one here
+            return self._unique("constant", INT, data=0, is_single=True), offset + int(at.data)
+        return at, offset
 
 
 def split_index(index: Expression) -> tuple[Expression, int]:

@@ -55,7 +55,7 @@ class KernelWriter:
 
     def _statement(self, depth: int) -> list[str]:
         indent = "    " * depth
-        kind = self._random.choice(["float", "float", "int", "store", "store", "if", "if", "for", "count"])
+        kind = self._random.choice(["float", "float", "int", "store", "store", "known", "if", "if", "for", "count"])
         if kind == "float":
             return [f"{indent}{self._random.choice(FLOATS)} = {self._float(3)}"]
         if kind == "int":
@@ -64,6 +64,13 @@ class KernelWriter:
             return [f"{indent}{self._element()} = {self._float(2)}"]
         if kind == "count":
             return [f"{indent}c[{self._index()}] = {self._int(2)}"]
+        if kind == "known":  # an index by a variable whose value is plain
+            array = self._random.choice("vzy")
+            return [
+                f"{indent}p = {self._random.randint(0, 1)}",
+                f"{indent}{array}[p + {self._random.randint(0, 2)}] = {self._float(1)}",
+                f"{indent}s = {array}[p] - TABLE[p + 1]",
+            ]
         if depth > 3:
             return [f"{indent}s = {self._float(2)}"]
         if kind == "if":

@@ -69,7 +69,7 @@ class Trials:
         return sum(self.sizes) + sum(2 if kind is Scalar.FLOAT else 1 for kind in self.kernel.results)
 
     def _driver(self, label: str) -> list[str]:
-        """AR6 reads arguments, AR7 writes results; a kernel keeps both."""
+        """AR6 reads arguments, AR7 writes results; a kernel may use both."""
         count = sum(self.sizes)
         lines = []
         if count:
@@ -77,7 +77,7 @@ class Trials:
             lines += ["copied_in: STI R0,*AR0++"]
         for number, kind in enumerate(self.scalars):
             lines += [f"    {'LDF' if kind is Scalar.FLOAT else 'LDI'} *AR6++,R{number}"]
-        lines += [f"    CALL {label}"]
+        lines += ["    PUSH AR6", "    PUSH AR7", f"    CALL {label}", "    POP AR7", "    POP AR6"]
         for number, kind in enumerate(self.kernel.results):
             # Both words of a float: all its 40 bits count.
             lines += [f"    STF R{number},*AR7++"] * (kind is Scalar.FLOAT) + [f"    STI R{number},*AR7++"]

@@ -34,6 +34,8 @@ def kernels_of_navigation() -> list[Kernel]:
 
 
 KERNELS = kernels_of_navigation()
+INDICES = {"_measure": 2}
+"""Kernels whose first number is an index, and below what."""
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +51,8 @@ def test_machine_code_is_the_c3x_build_bit_by_bit(reference: Any, kernel: Kernel
     left = TRIALS
     while left > 0:
         rows = random_rows(source, trials.kinds, min(left, trials.batch))
+        if kernel.__name__ in INDICES:
+            rows[:, sum(trials.sizes)] %= INDICES[kernel.__name__]
         found, expected = trials.machine_code(rows), trials.numba(function, rows)
         different = np.flatnonzero((found != expected).any(axis=1))
         assert not different.size, report(rows[different[0]], found[different[0]], expected[different[0]])
