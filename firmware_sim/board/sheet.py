@@ -136,6 +136,24 @@ class AlignmentSheet:
     )
 
 
+def _triad(most: float, unit: str, meaning: str, count: int = 3) -> Any:
+    return _key((0.0,) * count, (-most, most), unit, meaning)
+
+
+@dataclass(frozen=True)
+class CalibrationSheet:
+    """[calibration]: errors that are known of the unit, which the firmware takes out of what the sensors report."""
+
+    gyro_bias_degph: tuple[float, ...] = _triad(1e5, "deg/h", "of x, y, z: reported at rest in inertial space")
+    gyro_scale_ppm: tuple[float, ...] = _triad(1e5, "ppm", "of x, y, z: reported too much of a rate")
+    gyro_misalignment_arcsec: tuple[float, ...] = _triad(
+        1e5, "arcsec", "x of y, x of z, y of x, y of z, z of x, z of y: reported by one of a rate about the other", 6
+    )
+    acc_bias_ug: tuple[float, ...] = _triad(1e6, "9.80665 um/s2", "as of the gyros, in free fall")
+    acc_scale_ppm: tuple[float, ...] = _triad(1e5, "ppm", "as of the gyros")
+    acc_misalignment_arcsec: tuple[float, ...] = _triad(1e5, "arcsec", "as of the gyros", 6)
+
+
 @dataclass(frozen=True)
 class BudgetSheet:
     """[budget]"""
@@ -183,6 +201,7 @@ class BoardSheet:
     adc: AdcSheet = AdcSheet()
     uart: UartSheet = UartSheet()
     alignment: AlignmentSheet = AlignmentSheet()
+    calibration: CalibrationSheet = CalibrationSheet()
     budget: BudgetSheet = BudgetSheet()
     line: LineSheet = LineSheet()
     navigation: NavigationSheet = NavigationSheet()
@@ -270,7 +289,7 @@ _SECTIONS: dict[str, Any] = {
     for entry in dataclasses.fields(BoardSheet)
     if dataclasses.is_dataclass(entry.default)
 }
-_KINDS = {"int": int, "float": float, "str": str, "int | None": int}
+_KINDS = {"int": int, "float": float, "str": str, "int | None": int, "tuple[float, ...]": tuple}
 
 
 def _keys() -> Iterator[Key]:
@@ -308,23 +327,33 @@ def _section(source: str, name: str, entries: Any) -> Any:
     for entry in entries:
         if entry not in names:
             raise UsageError(f"{source}: [{name}]: expected the keys {', '.join(names)}, found {entry}")
-    return _SECTIONS[name](**entries)
+    return _SECTIONS[name](
+        **{entry: tuple(value) if isinstance(value, list) else value for entry, value in entries.items()}
+    )
+
+
+def _is_in(value: Any, key: Key) -> bool:
+    """Whether a value is a number of the kind and range of ``key``."""
+    kind = int if key.kind is int else (int, float)
+    return isinstance(value, kind) and not isinstance(value, bool) and key.allowed[0] <= value <= key.allowed[1]
 
 
 def _complaint(key: Key, value: Any) -> str:
     """What is wrong with ``value`` for ``key``, or nothing; a key without a default may stay None."""
     if value is None and key.default is None:
         return ""
-    if key.kind is str:
+    if key.kind is tuple:
+        fits = (
+            isinstance(value, tuple) and len(value) == len(key.default) and all(_is_in(number, key) for number in value)
+        )
+        expected = f"a list of {len(key.default)} numbers from {key.allowed[0]:g} to {key.allowed[1]:g} {key.unit}"
+    elif key.kind is str:
         fits = value in key.allowed
         expected = " or ".join(f'"{word}"' for word in key.allowed)
     else:
         low, high = key.allowed
-        whole = key.kind is int
-        fits = (
-            isinstance(value, int if whole else (int, float)) and not isinstance(value, bool) and low <= value <= high
-        )
-        expected = f"{'an integer' if whole else 'a number'} from {low} to {high} {key.unit}"
+        fits = _is_in(value, key)
+        expected = f"{'an integer' if key.kind is int else 'a number'} from {low} to {high} {key.unit}"
     return "" if fits else f"[{key.section}] {key.name}: expected {expected}, found {in_words(value)}"
 
 

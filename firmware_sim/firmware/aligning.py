@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_sim.board.sheet import BoardSheet
+from firmware_sim.firmware.calibration import calibration_words
 from firmware_sim.firmware.chosen import navigator_of
 from firmware_sim.firmware.solver import Solver
 from firmware_sim.firmware.start import Start
 from firmware_sim.jit import is_compiled
 from firmware_sim.kernels.lower_numba import Machine, build
-from firmware_sim.nav.alignment import COARSE, NAVIGATE, begin_alignment
-from firmware_sim.nav.alignment_cycle import align_cycle
+from firmware_sim.nav.alignment import COARSE, NAVIGATE
+from firmware_sim.nav.choices import Navigator
 
 UPDATE_S = 1.0
 """From one update of the filter to the next."""
@@ -50,9 +52,18 @@ class AlignmentPlan:
 class AligningSolver(Solver):
     """As ``Solver``; of the start it takes the place alone."""
 
-    def __init__(self, machine: Machine, scale: tuple[float, float, float], start: Start, plan: AlignmentPlan) -> None:
-        super().__init__(machine, scale, Start(start.lat_rad, start.lon_rad, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0))
-        self._aligning = build([begin_alignment, align_cycle], machine)
+    def __init__(
+        self,
+        machine: Machine,
+        scale: tuple[float, float, float],
+        start: Start,
+        chosen: Navigator,
+        calibration: Sequence[float],
+        plan: AlignmentPlan,
+    ) -> None:
+        level = Start(start.lat_rad, start.lon_rad, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+        super().__init__(machine, scale, level, chosen, calibration)
+        self._aligning = build([chosen.begin_alignment, chosen.align], machine)
         self._align: Any = self._aligning.align_cycle
         self.mode = COARSE
         self._following = COARSE
@@ -100,6 +111,7 @@ class AligningSolver(Solver):
 def solver_of(machine: Machine, scale: tuple[float, float, float], start: Start, sheet: BoardSheet) -> Solver:
     """The solver of a board: one that aligns itself where the sheet says so."""
     plan = AlignmentPlan.of(sheet)
+    chosen, calibration = navigator_of(sheet), calibration_words(sheet)
     if plan is not None:
-        return AligningSolver(machine, scale, start, plan)
-    return Solver(machine, scale, start, navigator_of(sheet))
+        return AligningSolver(machine, scale, start, chosen, calibration, plan)
+    return Solver(machine, scale, start, chosen, calibration)

@@ -22,14 +22,13 @@ from firmware_sim.c3x.bounds import Bounds
 from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.aligning import AlignmentPlan
 from firmware_sim.firmware.bounds import ServiceBounds
+from firmware_sim.firmware.calibration import CALIBRATION_WORDS, calibration_words
 from firmware_sim.firmware.chosen import navigator_of
 from firmware_sim.firmware.start import Start, interleaved, two_words
 from firmware_sim.jit import remembered
 from firmware_sim.kernels.expressions import ArrayType
 from firmware_sim.kernels.language import Kernel, KernelError
 from firmware_sim.kernels.lower_c3x import ON_CHIP, MachineProgram, compile_kernels
-from firmware_sim.nav.alignment import begin_alignment
-from firmware_sim.nav.alignment_cycle import align_cycle
 from firmware_sim.nav.start import accept_scale
 from firmware_sim.toolchain.assembler import AssembledImage, assemble
 from firmware_sim.toolchain.image import Symbol
@@ -46,7 +45,6 @@ FILES: Final = (
     "frame.asm",
     "commands.asm",
 )
-ALIGNMENT_KERNELS: Final[tuple[Kernel, ...]] = (begin_alignment, align_cycle)
 RING: Final = 4096
 """Bytes of a ring, one in a word; a power of two, at a multiple of itself."""
 SERVICES: Final = {"adc_service": "INT0", "uart_service": "INT1", "tick_service": "TINT0"}
@@ -163,8 +161,7 @@ def _assembly_text() -> str:
 
 
 def _build(sheet: BoardSheet, start: Start | None, extra: Kernel | None) -> Firmware:
-    plan = AlignmentPlan.of(sheet)
-    roots = (*_roots(sheet), *(ALIGNMENT_KERNELS if plan else ()))
+    roots = _roots(sheet)
     kernels = compile_kernels(roots if extra is None else (*roots, extra))
     hook = _extra_macro("" if extra is None else kernels.labels[extra.typed.name])
     parts = [*_definitions(sheet, kernels), *hook, kernels.source, *_includes(), *_tables(sheet, start)]
@@ -175,9 +172,10 @@ def _build(sheet: BoardSheet, start: Start | None, extra: Kernel | None) -> Firm
 
 
 def _roots(sheet: BoardSheet) -> tuple[Kernel, ...]:
-    """The kernels that the assembly calls in every mode of navigation."""
+    """The kernels that the assembly calls."""
     chosen = navigator_of(sheet)
-    return chosen.navigate, chosen.initialise, chosen.start, accept_scale
+    aligning = (chosen.begin_alignment, chosen.align) if AlignmentPlan.of(sheet) else ()
+    return chosen.navigate, chosen.initialise, chosen.start, accept_scale, *aligning
 
 
 def _check_extra(extra: Kernel, roots: tuple[Kernel, ...]) -> None:
@@ -241,6 +239,7 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
         "ALIGN_END": plan.end if plan else 0,
         "ALIGN_UPDATE": plan.update if plan else 0,
         "ALIGN_VARIANCE": _single(plan.variance if plan else 0.0),
+        "CALIBRATION": CALIBRATION_WORDS,
         "COARSE": telemetry.COARSE,
         "MOST": 2**30 - 1,
         "LEAST": -(2**30),
@@ -310,6 +309,9 @@ def _tables(sheet: BoardSheet, start: Start | None) -> Iterator[str]:
         yield _single_text(value)
     yield "scale_words:"
     for value in interleaved([sheet.adc.gyro_lsb_rad, sheet.adc.acc_lsb_mps, sheet.adc.period_s]):
+        yield _single_text(value)
+    yield "unit_words:"
+    for value in calibration_words(sheet):
         yield _single_text(value)
     yield '            .sect   "tables"'
     yield "crc_table:"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_sim.firmware.calibration import CALIBRATION_WORDS
 from firmware_sim.firmware.start import Start, interleaved, two_words
 from firmware_sim.jit import is_compiled
 from firmware_sim.kernels.expressions import ArrayType, Scalar
@@ -22,18 +24,24 @@ class Solver:
     """States and outputs of the strapdown solver for one ``machine``.
 
     ``scale``: weight of a gyro count [rad], of an accelerometer count [m/s], and the sample period [s]. ``chosen`` are
-    the kernels of a mechanisation with its options. ``states`` and ``outputs`` are the arrays that its ``navigate``
-    takes, in that order; arrays of one name are one memory for all kernels, as on the target.
+    the kernels of a mechanisation with its options, ``calibration`` the words of a unit (none: no errors are known).
+    ``states`` and ``outputs`` are the arrays that its ``navigate`` takes, in that order; arrays of one name are one
+    memory for all kernels, as on the target.
     """
 
     def __init__(
-        self, machine: Machine, scale: tuple[float, float, float], start: Start, chosen: Navigator | None = None
+        self,
+        machine: Machine,
+        scale: tuple[float, float, float],
+        start: Start,
+        chosen: Navigator | None = None,
+        calibration: Sequence[float] = (0.0,) * CALIBRATION_WORDS,
     ) -> None:
         self.machine = machine
         self.chosen = chosen or navigator()
         self._program = build([self.chosen.initialise, self.chosen.navigate], machine)
         self._navigate: Any = getattr(self._program, self.chosen.navigate.__name__)
-        self.scale = machine.array(interleaved(list(scale)))
+        self.scale = machine.array([*interleaved(list(scale)), *calibration])
         arrays = [(name, kind) for name, kind in self.chosen.navigate.typed.parameters if isinstance(kind, ArrayType)]
         self._memory: dict[str, NDArray[Any]] = {
             name: machine.array(np.zeros(kind.shape))

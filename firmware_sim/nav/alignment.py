@@ -108,7 +108,7 @@ def _sum_coarsely(
     sums: Int[12],
     n1: int,
     n2: int,
-    scale: Real[6],
+    scale: Real[30],
     q: Real[4],
     q_low: Real[4],
     quaternion_carry: Real[3],
@@ -205,7 +205,7 @@ def quaternion_of_matrix(M: Real[3, 3], q: Real[4]) -> None:
 
 @kernel
 def _end_coarse(
-    scale: Real[6],
+    scale: Real[30],
     q: Real[4],
     q_low: Real[4],
     C: Real[3, 3],
@@ -330,7 +330,7 @@ def align_step(
     n2: int,
     mode: int,
     height_m: float,
-    scale: Real[6],
+    scale: Real[30],
     q: Real[4],
     q_low: Real[4],
     velocity_p_mps: Real[3],

@@ -15,7 +15,7 @@ def align_cycle(
     n2: int,
     height_mm: int,
     mode: int,
-    scale: Real[6],
+    scale: Real[30],
     q: Real[4],
     q_low: Real[4],
     velocity_p_mps: Real[3],

@@ -6,6 +6,7 @@ has no branch for it.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ from typing import Final
 from firmware_sim.kernels.language import Kernel
 from firmware_sim.kernels.variants import variants
 from firmware_sim.nav import earth, vertical
+from firmware_sim.nav.alignment import begin_alignment
+from firmware_sim.nav.alignment_cycle import align_cycle
+from firmware_sim.nav.calibration import calibrated_increments_of
 from firmware_sim.nav.cycle import navigate
 from firmware_sim.nav.local_level import initialise_level, navigate_level, start_level_from_host
 from firmware_sim.nav.start import start_from_host
@@ -33,12 +37,15 @@ class Navigator:
 
     ``initialise`` sets the states from ``place``, ``velocity_t_mps``, ``attitude_rad`` and ``attitude_low_rad``,
     ``start`` from eight integers; ``navigate`` takes the summed counts of a cycle, their numbers, height and climb and
-    gives flags, height, latitude and longitude. Arrays of one name are one memory.
+    gives flags, height, latitude and longitude. ``begin_alignment`` and ``align`` come before them on a board that
+    aligns itself. Arrays of one name are one memory.
     """
 
     initialise: Kernel
     navigate: Kernel
     start: Kernel
+    begin_alignment: Kernel = begin_alignment
+    align: Kernel = align_cycle
 
 
 _WANDER: Final = Navigator(initialise, navigate, start_from_host)
@@ -76,6 +83,7 @@ _VERTICALS: Final[Mapping[str, Meanings]] = {
     "damped": {},
     "free": {"HEIGHT_GAIN": 0.0, "RATE_GAIN": 0.0, "DRIFT_GAIN": 0.0},
 }
+_CALIBRATIONS: Final[Mapping[bool, Meanings]] = {False: {}, True: {"increments_of": calibrated_increments_of}}
 
 
 @functools.cache
@@ -85,9 +93,16 @@ def navigator(
     curvature: str = "exact",
     gravity: str = "normal",
     vertical: str = "external",
+    is_calibrated: bool = False,
 ) -> Navigator:
     """The roots for a choice. Raises KeyError for a word that is not in the table."""
     roots = _ROOTS[mechanisation, vertical]
-    options = (_ELLIPSOIDS[ellipsoid], _CURVATURES[curvature], _GRAVITIES[mechanisation, gravity], _VERTICALS[vertical])
+    options = (
+        _ELLIPSOIDS[ellipsoid],
+        _CURVATURES[curvature],
+        _GRAVITIES[mechanisation, gravity],
+        _VERTICALS[vertical],
+        _CALIBRATIONS[is_calibrated],
+    )
     meanings = {name: meaning for option in options for name, meaning in option.items()}
-    return Navigator(*variants((roots.initialise, roots.navigate, roots.start), meanings))
+    return Navigator(*variants([getattr(roots, field.name) for field in dataclasses.fields(roots)], meanings))

@@ -25,7 +25,7 @@ def navigate(
     n2: int,
     height_mm: int,
     climb_mmps: int,
-    scale: Real[6],
+    scale: Real[30],
     q: Real[4],
     q_low: Real[4],
     velocity_p_mps: Real[3],

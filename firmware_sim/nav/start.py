@@ -149,7 +149,7 @@ def start_from_host(
 
 
 @kernel
-def accept_scale(new_scale: Real[6], built_scale: Real[6], scale: Real[6]) -> int:
+def accept_scale(new_scale: Real[6], built_scale: Real[6], scale: Real[30]) -> int:
     """Take new weights of the counts and a new sample period, in two words each (the layout of ``strapdown``)."""
     wrong = 0
     for i in range(3):

@@ -33,7 +33,8 @@ from firmware_sim.nav.elementary import (
 from firmware_sim.nav.motion import COS_LIMIT, POLE, change_of_velocity, limits_of
 from firmware_sim.nav.vector import cross, multiply_two_word, scaled_count, split_count
 
-# Layout of ``scale``: the weight of one count and the sample period, each in two words.
+# Layout of ``scale``: the weight of one count and the sample period, each in two words; behind them what
+# ``calibration`` knows of the unit.
 GYRO_LSB, ACC_LSB, SAMPLE_PERIOD = 0, 2, 4
 
 
@@ -93,7 +94,7 @@ def increments_of(
     sums: Int[12],
     n1: int,
     n2: int,
-    scale: Real[6],
+    scale: Real[30],
     rotation_rad: Real[3],
     rotation_carry_rad: Real[3],
     velocity_mps: Real[3],
@@ -252,7 +253,7 @@ def step(
     n2: int,
     height_m: float,
     climb_mps: float,
-    scale: Real[6],
+    scale: Real[30],
     q: Real[4],
     q_low: Real[4],
     velocity_p_mps: Real[3],

@@ -32,6 +32,7 @@ def test_every_key_can_be_set_to_its_default_in_a_file(tmp_path: Path) -> None:
         for key in KEYS:
             if key.section == section and key.default is not None:
                 value = f'"{key.default}"' if key.kind is str else key.default
+                value = list(key.default) if key.kind is tuple else value
                 lines.append(f"{key.name} = {value}")
     sheet = load_sheet(write(tmp_path, "\n".join(lines)))
     assert dataclasses.replace(sheet, source="") == dataclasses.replace(BoardSheet(), source="")
@@ -171,9 +172,12 @@ def manual_row(key: Key) -> str:
     """The line of the manual's table for ``key``."""
     if key.kind is str:
         allowed, default = " ".join(f"`{word}`" for word in key.allowed), f"`{key.default}`"
+    elif key.kind is tuple:
+        allowed, default = f"{len(key.default)} from {key.allowed[0]:g} to {key.allowed[1]:g}", str(list(key.default))
     else:
         allowed, default = f"{key.allowed[0]} to {key.allowed[1]}", "none" if key.default is None else str(key.default)
-    return f"| `{key.name}` | {key.kind.__name__} | {allowed} | {key.unit} | {default} | {key.meaning} |"
+    kind = "list" if key.kind is tuple else key.kind.__name__
+    return f"| `{key.name}` | {kind} | {allowed} | {key.unit} | {default} | {key.meaning} |"
 
 
 @pytest.mark.parametrize("key", KEYS, ids=lambda key: f"{key.section}.{key.name}")

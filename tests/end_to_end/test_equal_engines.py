@@ -15,6 +15,7 @@ from firmware_sim.firmware import telemetry
 from firmware_sim.plant.scenario import load_scenario
 from tests.end_to_end.test_recorded_unit import EXCERPT, aligned
 from tests.firmware.conftest import frames_of
+from tests.nav.test_calibration import KNOWN
 
 MEASURED = "solver_cycles"
 
@@ -36,6 +37,7 @@ def without_the_measured_field(sheet: BoardSheet, sent: bytes) -> list[tuple[int
 SHEETS = {
     "default": BoardSheet(),
     "aligning": BoardSheet(alignment=AlignmentSheet(settling_s=26.0, coarse_s=12.0)),
+    "calibrated": BoardSheet(calibration=KNOWN),
     "enu": BoardSheet(navigation=NavigationSheet(mechanisation="enu")),
     "enu, every option": BoardSheet(
         navigation=NavigationSheet("enu", "krassovsky", "first-order", "original", "damped")
@@ -59,6 +61,7 @@ SHEETS = {
         ("transit", "enu, every option", 4),
         ("turn", "wander, damped", 6),
         ("moored", "aligning", 4),
+        ("turn", "calibrated", 2),
     ],
 )
 def test_every_frame_is_the_same_but_for_the_measured_cycles(tmp_path: Path, name: str, sheet: str, seed: int) -> None:

@@ -60,7 +60,7 @@ def align(
         velocity_carry,
         quaternion_carry,
     ) = states
-    scale = array(interleaved([sheet.adc.gyro_lsb_rad, sheet.adc.acc_lsb_mps, PERIOD_S]))
+    scale = array([*interleaved([sheet.adc.gyro_lsb_rad, sheet.adc.acc_lsb_mps, PERIOD_S]), *np.zeros(24)])
     place = array(interleaved([initial.lat_rad, initial.lon_rad]))
     program.initialise(place, array(np.zeros(3)), array(np.zeros(3)), array(np.zeros(3)), *states)
     sums, sums_low, half_sums, errors, covariance = (array(np.zeros(shape)) for shape in (3, 3, 3, 6, (6, 6)))

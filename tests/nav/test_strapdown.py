@@ -34,7 +34,7 @@ def rotation_matrix(rotation_rad: Floats) -> Floats:
 
 def scale_of(parts: Any) -> Floats:
     weights = (GYRO_LSB_RAD, ACC_LSB_MPS, PERIOD_S)
-    return np.array([word for weight in weights for word in parts.two_word(weight)])
+    return np.array([*(word for weight in weights for word in parts.two_word(weight)), *np.zeros(24)])
 
 
 def increments(parts: Any, first: Floats, second: Floats, n1: int, n2: int) -> tuple[Floats, Floats, float]:

@@ -47,6 +47,10 @@ boot_copy2: STI     R0,*AR2++
             LDI     *AR1++,R0
             STI     R0,*AR2++
 boot_copy3: STI     R0,*AR3++
+            LDI     CALIBRATION-1,RC
+            RPTB    boot_unit
+            LDI     *AR1++,R0
+boot_unit:  STI     R0,*AR2++
 
             LDI     DATA_PAGE,DP
             LDI     @period,R0
