@@ -40,7 +40,8 @@ def rotation_less_one(rotation_rad: Real[3], carry: Real[3], quaternion: Real[4]
     """
     square = rotation_rad[0] * rotation_rad[0] + rotation_rad[1] * rotation_rad[1] + rotation_rad[2] * rotation_rad[2]
     quaternion[0] = square * (square * (1.0 / 384.0 - square * (1.0 / 46080.0)) - 0.125)
-    half_of(rotation_rad, square * (1.0 / 48.0 - square * (1.0 / 3840.0)), carry, quaternion)
+    shortfall = square * (1.0 / 48.0 - square * (1.0 / 3840.0))
+    half_of(rotation_rad, shortfall, carry, quaternion)
 
 
 @kernel
