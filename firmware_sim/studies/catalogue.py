@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from firmware_sim.errors import UsageError
-from firmware_sim.studies import enu_static, mil, numerics, slips
+from firmware_sim.studies import enu_static, fog_unit, mil, numerics, slips
 from firmware_sim.studies.outcome import Study
 
-STUDIES = {study.name: study for study in (slips.STUDY, enu_static.STUDY, numerics.STUDY, mil.STUDY)}
+STUDIES = {study.name: study for study in (slips.STUDY, enu_static.STUDY, numerics.STUDY, mil.STUDY, fog_unit.STUDY)}
 
 
 def find_study(name: str) -> Study:
