@@ -18,15 +18,6 @@ GYROS, ACCELEROMETERS, WORDS = 6, 18, 12
 
 
 @kernel
-def _correction_of(known: Real[12], duration_s: float, reported: Real[3], correction: Real[3]) -> None:
-    """K reported - b T of a triad."""
-    for i in range(3):
-        row = 3 * i + 3
-        linear = known[row] * reported[0] + known[row + 1] * reported[1] + known[row + 2] * reported[2]
-        correction[i] = linear - known[i] * duration_s
-
-
-@kernel
 def _correct(increment: Real[3], correction: Real[3], carry: Real[3]) -> None:
     """Add a correction; what rounding drops goes into the next cycle's increment (``strapdown.increments_of``)."""
     for i in range(3):
@@ -45,8 +36,6 @@ def calibrated_increments_of(
     velocity_carry_mps: Real[3],
 ) -> float:
     """As ``strapdown.increments_of``, of a calibrated unit."""
-    of_gyros = zeros(12)
-    of_accelerometers = zeros(12)
     correction = zeros(3)
     straight = zeros(3)
     turn_reported = zeros(3)
@@ -54,15 +43,24 @@ def calibrated_increments_of(
     duration_s = reported_increments_of(
         sums, n1, n2, scale, rotation_rad, rotation_carry_rad, velocity_mps, velocity_carry_mps
     )
-    for i in range(WORDS):
-        of_gyros[i] = scale[GYROS + i]
-        of_accelerometers[i] = scale[ACCELEROMETERS + i]
     cross(rotation_rad, velocity_mps, turn_reported)
     for i in range(3):
         straight[i] = velocity_mps[i] - 0.5 * turn_reported[i]
-    _correction_of(of_gyros, duration_s, rotation_rad, correction)
+    for i in range(3):
+        correction[i] = (
+            scale[GYROS + 3 + 3 * i] * rotation_rad[0]
+            + scale[GYROS + 4 + 3 * i] * rotation_rad[1]
+            + scale[GYROS + 5 + 3 * i] * rotation_rad[2]
+            - scale[GYROS + i] * duration_s
+        )
     _correct(rotation_rad, correction, rotation_carry_rad)
-    _correction_of(of_accelerometers, duration_s, straight, correction)
+    for i in range(3):
+        correction[i] = (
+            scale[ACCELEROMETERS + 3 + 3 * i] * straight[0]
+            + scale[ACCELEROMETERS + 4 + 3 * i] * straight[1]
+            + scale[ACCELEROMETERS + 5 + 3 * i] * straight[2]
+            - scale[ACCELEROMETERS + i] * duration_s
+        )
     for i in range(3):
         straight[i] = straight[i] + correction[i]
     cross(rotation_rad, straight, turn)
