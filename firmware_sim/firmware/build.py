@@ -143,7 +143,7 @@ def build_firmware(sheet: BoardSheet, start: Start | None = None, extra: Kernel 
     if extra is not None:
         _check_extra(extra, _roots(sheet))
         return _build(sheet, start, extra)
-    key = f"{sheet} {start} {_assembly_text()}"
+    key = f"{ASSEMBLY} {sheet} {start} {_assembly_text()}"  # the folder: a firmware knows its lines by their files
     firmware: Firmware = remembered("firmware", key, __file__, lambda: _build(sheet, start, None).with_bounds())
     return firmware
 
