@@ -179,8 +179,8 @@ def _heading_chart(results: Sequence[Result]) -> Chart:
                 [
                     Curve("11.4' sec(latitude)", line_deg, line, "k--"),
                     Curve("units", every_deg, np.abs(np.concatenate(errors)), ".", colour=4),
-                    Curve("rms", latitudes, np.array([rms(error) for error in errors]), "o-", colour=0),
-                    Curve("rms less bias term", latitudes, np.array([rms(rest) for rest in rests]), "s-", colour=2),
+                    Curve("rms", latitudes, np.array([rms(error) for error in errors]), "o", colour=0),
+                    Curve("rms less bias term", latitudes, np.array([rms(rest) for rest in rests]), "s", colour=2),
                 ],
                 title=shown,
                 x_label="latitude, deg",
