@@ -51,6 +51,7 @@ boot_copy3: STI     R0,*AR3++
             RPTB    boot_unit
             LDI     *AR1++,R0
 boot_unit:  STI     R0,*AR2++
+            NOP                             ; the timers count every other cycle: an even number of them up to there
 
             LDI     DATA_PAGE,DP
             LDI     @period,R0
