@@ -169,7 +169,7 @@ class NativeRun(BoardRun):
         announce: Callable[[str], None],
     ) -> None:
         if flight.engine not in ENGINES:
-            raise UsageError(f"engine: expected one of {', '.join(ENGINES)}, found {flight.engine!r}")
+            raise UsageError(f"engine: expected one of {', '.join(ENGINES)}, iss, found {flight.engine!r}")
         super().__init__(flight, open_line, progress, announce)
         start = start_of(self.source, flight.scenario.name, self.sheet)
         scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)

@@ -122,7 +122,7 @@ class FirmwareRun(ImageRun):
     def _prepare(self) -> None:
         self.reference.compile()
         super()._prepare()
-        self.board.run(self.processor, _BOOTED)
+        super()._run_slice(_BOOTED)
         self._paint_stack()
 
     def _next_block(self) -> Block | None:

@@ -64,6 +64,8 @@ def _flight(options: argparse.Namespace) -> Flight:
 
     if not 0.0 < options.duration < float("inf"):
         raise UsageError(f"--duration: expected a positive number of seconds, found {options.duration:g}")
+    if options.seed < 0:
+        raise UsageError(f"--seed: expected 0 or above, found {options.seed}")
     scenario = load_scenario(options.scenario)
     return Flight(scenario, load_sheet(options.board), "iss", options.duration, options.seed)
 

@@ -206,7 +206,8 @@ class DescriptionSchedule:
             descriptions=count,
             ticks=max(count, round(per_s)),
             late_ticks=max(1, round(10.0 * per_s / count)),
-            spare_bytes=int(bytes_per_tick) - frame_bytes,
+            # More makes no difference: the account that they go to goes from one end to the other.
+            spare_bytes=min(int(bytes_per_tick) - frame_bytes, 2 * MOST_CREDIT),
         )
 
 

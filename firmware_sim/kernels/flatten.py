@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from firmware_sim.kernels.expressions import (
@@ -207,7 +207,7 @@ class _Flattener:
             case LocalArray():
                 self._local_array(statement)
             case Return():
-                values = [self._value(value) for value in statement.values]
+                values = self._in_order(statement.values)
                 for name, value in zip(self.scope.results, values, strict=True):
                     self._set(name, _constant(0), value)
 
@@ -290,11 +290,11 @@ class _Flattener:
 
     def _index(self, array: str, indices: tuple[Expression, ...]) -> Expression:
         """The flat index; a kernel's array of two dimensions is stored row by row."""
-        flat = self._value(indices[0])
-        if len(indices) == 2:
+        flat, *column = self._in_order(indices)
+        if column:
             columns = _constant(self._columns(array))
             row = self._folded(Binary(Scalar.INT, flat.line, "mul", flat, columns))
-            flat = self._folded(Binary(Scalar.INT, flat.line, "add", row, self._value(indices[1])))
+            flat = self._folded(Binary(Scalar.INT, flat.line, "add", row, column[0]))
         return flat
 
     def _columns(self, array: str) -> int:
@@ -328,13 +328,20 @@ class _Flattener:
                 return self._select(value)
         return value
 
+    def _in_order(self, expressions: Sequence[Expression]) -> list[Expression]:
+        """The values of expressions, each as it is before the calls of those behind it."""
+        values: list[Expression] = []
+        for expression in expressions:
+            at, effects = len(self.out), self._effects
+            value = self._value(expression)
+            if self._effects > effects:
+                values = [self._captured(known, at) if any(elements_read(known)) else known for known in values]
+            values.append(value)
+        return values
+
     def _both(self, left: Expression, right: Expression) -> tuple[Expression, Expression]:
         """Two operands, the left one as it is before the right one's calls."""
-        flat_left = self._value(left)
-        at, effects = len(self.out), self._effects
-        flat_right = self._value(right)
-        if self._effects > effects and any(elements_read(flat_left)):
-            flat_left = self._captured(flat_left, at)
+        flat_left, flat_right = self._in_order((left, right))
         return flat_left, flat_right
 
     def _table_element(self, value: TableElement) -> Expression:
@@ -445,14 +452,7 @@ class _Flattener:
         return [_scalar_of(name, self.storages[name].element) for name in inner.results]
 
     def _real_call(self, kernel: TypedKernel, arguments: tuple[Expression | str, ...]) -> list[Expression]:
-        values: list[Expression] = []
-        for argument in arguments:
-            assert not isinstance(argument, str)
-            at, effects = len(self.out), self._effects
-            value = self._value(argument)
-            if self._effects > effects:
-                values = [self._captured(known, at) for known in values]
-            values.append(value)
+        values = self._in_order([argument for argument in arguments if not isinstance(argument, str)])
         names = [self._new_storage(f"{kernel.name}.result{k}", kind) for k, kind in enumerate(kernel.results)]
         self.out.append(CallKernel(self._origin(), kernel, tuple(values), tuple((name, 0) for name in names)))
         return [_scalar_of(name, self.storages[name].element) for name in names]

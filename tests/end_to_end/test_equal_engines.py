@@ -37,6 +37,7 @@ def without_the_measured_field(sheet: BoardSheet, sent: bytes) -> list[tuple[int
 SHEETS = {
     "default": BoardSheet(),
     "aligning": BoardSheet(alignment=AlignmentSheet(settling_s=26.0, coarse_s=12.0)),
+    "2 kHz": BoardSheet(adc=AdcSheet(rate_hz=2000.0)),  # its first samples come while the machine code boots
     "calibrated": BoardSheet(calibration=KNOWN),
     "enu": BoardSheet(navigation=NavigationSheet(mechanisation="enu")),
     "enu, every option": BoardSheet(
@@ -62,6 +63,7 @@ SHEETS = {
         ("turn", "wander, damped", 6),
         ("moored", "aligning", 4),
         ("turn", "calibrated", 2),
+        ("sway", "2 kHz", 6),
     ],
 )
 def test_every_frame_is_the_same_but_for_the_measured_cycles(tmp_path: Path, name: str, sheet: str, seed: int) -> None:

@@ -189,3 +189,42 @@ def test_no_routine_stands_for_a_kernel_with_arrays(kernels: Any) -> None:
         KernelError, match="in kernel loops_sum_of_two: a routine stands only for a kernel with at most"
     ):
         compile_kernels([kernels.calls_with_an_array], replaced={"loops_sum_of_two": "my_sum"})
+
+
+EVALUATION = """
+@kernel
+def bump(a: Real[3]) -> float:
+    a[0] = a[0] + 1.0
+    return a[0]
+
+
+@kernel
+def count(c: Int[1]) -> int:
+    c[0] = c[0] + 1
+    return c[0]
+
+
+@kernel
+def results(a: Real[3]) -> tuple[float, float]:
+    return a[0], bump(a)
+
+
+@kernel
+def element(w: Real[2, 2], c: Int[1]) -> float:
+    w[c[0], count(c)] = 7.0
+    return w[c[0] - 1, count(c) - 1]
+
+
+"""
+
+
+def test_results_and_indices_are_evaluated_from_left_to_right(written: Any) -> None:
+    module = written("evaluation", EVALUATION)
+    kernels = [module.results, module.element]
+    for program in (build(kernels, C3X), build_target(kernels)):
+        found = program.results(C3X.array(np.array([1.0, 2.0, 3.0])))
+        assert [C3X.decode(word) for word in found] == [1.0, 2.0]
+        w, c = C3X.array(np.array([[1.0, 2.0], [3.0, 4.0]])), np.array([0], np.int64)
+        assert C3X.decode(program.element(w, c)) == 7.0
+        assert C3X.values(w).tolist() == [[1.0, 7.0], [3.0, 4.0]]
+        assert c.tolist() == [2]
