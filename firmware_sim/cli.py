@@ -220,11 +220,8 @@ def _check_outputs(options: argparse.Namespace) -> dict[str, Path]:
     """The files that the run will write. Raises UsageError for one that it cannot, or that would destroy another."""
     given = {name: getattr(options, name) for name in ("raw", "report", "trace", "vcd")}
     outputs = {name: Path(text) for name, text in given.items() if text is not None}
-    inputs = [Path(text) for text in (options.scenario, options.board, options.image) if text]
-    for name, path in outputs.items():
-        others = [*inputs, *(other for key, other in outputs.items() if key != name)]
-        if any(path.resolve() == other.resolve() for other in others):
-            raise UsageError(f"--{name} {path}: expected a file of its own, found one that this run also uses")
+    inputs = (options.scenario, options.board, options.image)
+    cli_target.check_own({f"--{name}": path for name, path in outputs.items()}, inputs)
     if "report" in outputs:
         _check_place(outputs["report"])
     if "raw" in outputs:

@@ -7,7 +7,7 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from firmware_sim.cli_target import FINE, write_file
+from firmware_sim.cli_target import FINE, check_own, write_file
 
 if TYPE_CHECKING:
     from firmware_sim.bench import Flight
@@ -82,6 +82,8 @@ def _build(options: argparse.Namespace) -> int:
     from firmware_sim.toolchain.coff import write_coff
     from firmware_sim.toolchain.listing import listing
 
+    outputs = {"-o": options.output, "--map": options.map, "--listing": options.listing}
+    check_own(outputs, [options.board, options.start])
     sheet, start = load_sheet(options.board), None
     if options.start:
         scenario = load_scenario(options.start)
@@ -98,6 +100,7 @@ def _build(options: argparse.Namespace) -> int:
 def _profile(options: argparse.Namespace) -> int:
     from firmware_sim.bench_firmware import profile
 
+    check_own({"--json": options.json}, [options.board, options.scenario])
     found = profile(_flight(options), options.cycle, announce=_say)
     sys.stdout.write(found.table(options.lines))
     if options.json:

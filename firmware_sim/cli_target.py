@@ -7,7 +7,7 @@ import contextlib
 import functools
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -143,11 +143,21 @@ def read_image(name: str) -> Image:
     return read_coff(data, name)
 
 
+def check_own(outputs: Mapping[str, str | Path | None], inputs: Sequence[str | Path | None]) -> None:
+    """Whether each file to write, by its option, is neither read nor written for another. Raises UsageError."""
+    paths = {option: Path(name) for option, name in outputs.items() if name is not None}
+    for option, path in paths.items():
+        others = [*(Path(name) for name in inputs if name), *(paths[other] for other in paths if other != option)]
+        if any(path.resolve() == other.resolve() for other in others):
+            raise UsageError(f"{option} {path}: expected a file of its own, found one that this run also uses")
+
+
 def _asm(options: argparse.Namespace) -> int:
     from firmware_sim.toolchain.assembler import assemble_files
     from firmware_sim.toolchain.coff import write_coff
     from firmware_sim.toolchain.listing import listing
 
+    check_own({"-o": options.output, "--listing": options.listing}, options.sources)
     image = assemble_files(
         [Path(source) for source in options.sources],
         defines=dict(_definition(text) for text in options.definitions),

@@ -43,7 +43,7 @@ def status_and_sentence(capsys, *arguments):
         (["run", "missing.toml"], "missing.toml"),
         (["run", "missing.npz"], "missing.npz"),
         (["run", "missing.csv"], "missing.csv"),
-        (["run", "sway", "--engine", "isa"], "expected one of double, c3x, found 'isa'"),
+        (["run", "sway", "--engine", "isa"], "expected one of double, c3x, iss, found 'isa'"),
         (["run", "sway", "--board", "missing.toml"], "missing.toml: expected a readable board file"),
         (["run", "sway", "--duration", "-1"], "expected a number above 0 and at most 1e+09, found '-1'"),
         (["run", "sway", "--duration", "nan"], "expected a number above 0 and at most 1e+09, found 'nan'"),

@@ -263,3 +263,15 @@ def test_a_script_with_a_mistake_ends_with_status_2(
     status, said = status_and_sentence(capsys, "debug", image)
     assert status == 2
     assert said == "firmware-sim: a command was expected (try: help), found stop\n"
+
+
+def test_a_source_is_not_overwritten_by_what_is_made_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.asm").write_text("    NOP\n")
+    for arguments in (["asm", "a.asm", "-o", "a.asm"], ["asm", "a.asm", "-o", "a.out", "--listing", "./a.asm"]):
+        assert cli.main(arguments) == 2
+        assert "expected a file of its own, found one that this run also uses" in capsys.readouterr().err
+    assert cli.main(["build", "-o", "b.out", "--map", "b.out"]) == 2
+    assert Path("a.asm").read_text() == "    NOP\n"

@@ -13,7 +13,7 @@ from firmware_sim.c3x.bounds import Bounds
 from firmware_sim.c3x.cpu import Cpu
 from firmware_sim.c3x.machine import Reason
 from firmware_sim.kernels.expressions import ArrayType, Scalar, TypedKernel
-from firmware_sim.kernels.language import Kernel
+from firmware_sim.kernels.language import Kernel, KernelError
 from firmware_sim.kernels.lower_c3x import MachineProgram, compile_kernels
 from firmware_sim.kernels.machines import C3X
 from firmware_sim.toolchain.assembler import AssembledImage, assemble
@@ -103,6 +103,9 @@ class TargetProgram:
         self.cpu.add_breakpoint(_RETURN_TO)
         self._kernels: dict[str, TargetKernel] = {}
         for kernel in kernels:
+            if kernel.__name__ in self._kernels:
+                typed = kernel.typed
+                raise KernelError(typed.file, typed.line, typed.name, "expected a name that no other kernel here has")
             self._kernels[kernel.__name__] = TargetKernel(self, kernel.typed)
 
     def __getattr__(self, name: str) -> TargetKernel:
