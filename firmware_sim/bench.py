@@ -172,9 +172,8 @@ class NativeRun(BoardRun):
             raise UsageError(f"engine: expected one of {', '.join(ENGINES)}, iss, found {flight.engine!r}")
         super().__init__(flight, open_line, progress, announce)
         start = start_of(self.source, flight.scenario.name, self.sheet)
-        scale = (self.sheet.adc.gyro_lsb_rad, self.sheet.adc.acc_lsb_mps, self.sheet.adc.period_s)
-        self.solver = solver_of(ENGINES[flight.engine], scale, start, self.sheet)
-        self.reference = None if flight.engine == "double" else solver_of(DOUBLE, scale, start, self.sheet)
+        self.solver = solver_of(ENGINES[flight.engine], start, self.sheet)
+        self.reference = None if flight.engine == "double" else solver_of(DOUBLE, start, self.sheet)
         self.processor = NativeProcessor(self.sheet, self.solver, self._on_step, service_bounds(self.sheet))
         solvers = [self.solver] if self.reference is None else [self.solver, self.reference]
         self.log = StepLog(solvers, self.source)

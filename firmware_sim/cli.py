@@ -127,7 +127,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     cli_target.add_run_options(run)
     run.add_argument("--duration", type=_positive, metavar="S", help="virtual seconds (default: the scenario's, or 60)")
-    run.add_argument("--seed", type=_seed, default=0, metavar="N", help="seed of the sensor errors (default: 0)")
+    run.add_argument(
+        "--seed", type=cli_target.seed, default=0, metavar="N", help="seed of the sensor errors (default: 0)"
+    )
     output = run.add_mutually_exclusive_group()
     output.add_argument("--pty", metavar="LINK", help="make a serial line and link its terminal to this path")
     output.add_argument("--raw", metavar="FILE", help="write the exact bytes of the line to a file")
@@ -156,12 +158,6 @@ def _ratio(text: str) -> float:
     if value < 1.0 / _LARGEST:
         raise argparse.ArgumentTypeError(f"expected a number of at least {1.0 / _LARGEST:g}, found {text!r}")
     return value
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected a whole number, 0 or above, found {text!r}")
-    return int(text)
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from firmware_sim.cli_target import FINE, check_own, write_file
+from firmware_sim.cli_target import FINE, check_own, seed, write_file
 
 if TYPE_CHECKING:
     from firmware_sim.bench import Flight
@@ -53,7 +53,7 @@ def _add_flight(parser: argparse.ArgumentParser, duration_s: float) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", help="built-in name, scenario file or recording")
     parser.add_argument("--board", metavar="FILE.toml", help=_BOARD_HELP)
     parser.add_argument("--duration", type=float, default=duration_s, metavar="S", help=f"seconds ({duration_s:g})")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the sensor errors (0)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the sensor errors (0)")
 
 
 def _flight(options: argparse.Namespace) -> Flight:
@@ -64,8 +64,6 @@ def _flight(options: argparse.Namespace) -> Flight:
 
     if not 0.0 < options.duration < float("inf"):
         raise UsageError(f"--duration: expected a positive number of seconds, found {options.duration:g}")
-    if options.seed < 0:
-        raise UsageError(f"--seed: expected 0 or above, found {options.seed}")
     scenario = load_scenario(options.scenario)
     return Flight(scenario, load_sheet(options.board), "iss", options.duration, options.seed)
 

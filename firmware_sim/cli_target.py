@@ -143,6 +143,13 @@ def read_image(name: str) -> Image:
     return read_coff(data, name)
 
 
+def seed(text: str) -> int:
+    """The seed that an argument gives. Raises ArgumentTypeError."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a whole number, 0 or above, found {text!r}")
+    return int(text)
+
+
 def check_own(outputs: Mapping[str, str | Path | None], inputs: Sequence[str | Path | None]) -> None:
     """Whether each file to write, by its option, is neither read nor written for another. Raises UsageError."""
     paths = {option: Path(name) for option, name in outputs.items() if name is not None}

@@ -102,6 +102,11 @@ class AdcSheet:
         return self.acc_range_g * STANDARD_GRAVITY_MPS2 / 2 ** (self.bits - 1) / self.rate_hz
 
     @property
+    def scale(self) -> tuple[float, float, float]:
+        """The weights of a count [rad] and [m/s], and the sample period [s]: what the solver is told."""
+        return self.gyro_lsb_rad, self.acc_lsb_mps, self.period_s
+
+    @property
     def gyro_full_scale(self) -> int:
         """Counts at which a gyro saturates: its range, in ``bits`` at most."""
         return self._full_scale(math.radians(self.gyro_range_degps), self.gyro_lsb_rad)

@@ -108,10 +108,10 @@ class AligningSolver(Solver):
         )  # fmt: skip
 
 
-def solver_of(machine: Machine, scale: tuple[float, float, float], start: Start, sheet: BoardSheet) -> Solver:
+def solver_of(machine: Machine, start: Start, sheet: BoardSheet) -> Solver:
     """The solver of a board: one that aligns itself where the sheet says so."""
     plan = AlignmentPlan.of(sheet)
     chosen, calibration = navigator_of(sheet), calibration_words(sheet)
     if plan is not None:
-        return AligningSolver(machine, scale, start, chosen, calibration, plan)
-    return Solver(machine, scale, start, chosen, calibration)
+        return AligningSolver(machine, sheet.adc.scale, start, chosen, calibration, plan)
+    return Solver(machine, sheet.adc.scale, start, chosen, calibration)

@@ -308,7 +308,7 @@ def _tables(sheet: BoardSheet, start: Start | None) -> Iterator[str]:
     for value in _start_values(start) if start else [0.0] * 13:
         yield _single_text(value)
     yield "scale_words:"
-    for value in interleaved([sheet.adc.gyro_lsb_rad, sheet.adc.acc_lsb_mps, sheet.adc.period_s]):
+    for value in interleaved(list(sheet.adc.scale)):
         yield _single_text(value)
     yield "unit_words:"
     for value in calibration_words(sheet):

@@ -111,7 +111,7 @@ class Unit:
         """
         self._played.play(way)
         height_mm = round(way.initial.height_m * 1000.0)
-        solver = solver_of(DOUBLE, scale_of(SHEET.adc), start_of(way.initial), SHEET)
+        solver = solver_of(DOUBLE, start_of(way.initial), SHEET)
         assert isinstance(solver, AligningSolver)
         solver.compile()
         for _ in range(round(SETTLING_S / ROW_S)):
@@ -183,12 +183,7 @@ def angles_of(attitude: Floats) -> tuple[float, float, float]:
 
 def row_solver(start: Start) -> Solver:
     """A navigator whose step takes the counts of ``ROW_S`` at once."""
-    return Solver(DOUBLE, scale_of(SHEET.adc), start, replace(navigator(), navigate=navigate_row))
-
-
-def scale_of(adc: AdcSheet) -> tuple[float, float, float]:
-    """The weights of a count [rad] and [m/s], and the sample period [s], as ``Solver`` takes them."""
-    return adc.gyro_lsb_rad, adc.acc_lsb_mps, adc.period_s
+    return Solver(DOUBLE, SHEET.adc.scale, start, replace(navigator(), navigate=navigate_row))
 
 
 def start_of(initial: Initial) -> Start:

@@ -69,7 +69,7 @@ def test_a_perfect_unit_has_no_errors():
 def test_a_row_is_as_many_cycles():
     initial = fog_flight.way_of("sway", LAT_DEG, 10.0).initial
     start = fog_flight.start_of(initial)
-    one = Solver(DOUBLE, fog_flight.scale_of(fog_flight.SHEET.adc), start)
+    one = Solver(DOUBLE, fog_flight.SHEET.adc.scale, start)
     sums = np.random.default_rng(1).integers(-900, 900, (CYCLES, 12))
     many = fog_flight.row_solver(start)
     many.step(sums, 1, 1, 30_000, 0)
