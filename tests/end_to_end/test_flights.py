@@ -180,8 +180,8 @@ def test_truth_that_a_recording_knows_in_some_rows_is_compared_between_them(tmp_
 
 
 def test_an_unknown_engine_is_refused():
-    with pytest.raises(UsageError, match="expected one of double, c3x, found 'iss'"):
-        flown(load_scenario("static"), 1.0, "iss")
+    with pytest.raises(UsageError, match="expected one of double, c3x, iss, found 'cray'"):
+        flown(load_scenario("static"), 1.0, "cray")
 
 
 def test_progress_begins_at_once_and_stays_within_the_flight():
