@@ -107,6 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     record.add_argument("--duration", type=_seconds, default=math.inf, metavar="S", help="stop after S seconds")
     record.add_argument("--once", action="store_true", help="stop when the port is gone, instead of waiting for it")
     record.add_argument("--baud", type=_baud, default=DEFAULT_BAUD, metavar="N", help="default: %(default)s")
+    add_segment_options(record)
     record.set_defaults(run=_record)
 
     stats = commands.add_parser("stats", help="say what a recording holds")
@@ -127,6 +128,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def add_segment_options(parser: argparse.ArgumentParser) -> None:
+    """When a recording goes on in another file."""
+    limits = parser.add_mutually_exclusive_group()
+    text = "go on in FILE.0002, FILE.0003 (before its ending) each time a file holds N bytes"
+    limits.add_argument("--segment-bytes", type=_count, default=math.inf, metavar="N", help=text)
+    limits.add_argument("--segment-s", type=_seconds, default=math.inf, metavar="S", help="the same after S seconds")
+
+
 def _seconds(text: str) -> float:
     try:
         value = float(text)
@@ -138,8 +147,16 @@ def _seconds(text: str) -> float:
 
 
 def _baud(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"expected a whole number of bits per second above 0, found {text!r}")
+    return _whole(text, "bits per second")
+
+
+def _count(text: str) -> int:
+    return _whole(text, "bytes")
+
+
+def _whole(text: str, what: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 0 < len(text) < 16 or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"expected a whole number of {what} above 0, found {text!r}")
     return int(text)
 
 
@@ -171,10 +188,12 @@ def _plot(arguments: argparse.Namespace) -> int:
 
 def _record(arguments: argparse.Namespace) -> int:
     from host.record import Recorder, Request
+    from host.segments import Limits
 
     stop = _Stop()
     progress = _Progress()
-    request = Request(arguments.port, arguments.log, arguments.baud, arguments.duration, arguments.once)
+    segments = Limits(arguments.segment_bytes, arguments.segment_s)
+    request = Request(arguments.port, arguments.log, arguments.baud, arguments.duration, arguments.once, segments)
     recorder = Recorder(request, stop.is_set, lambda: progress.show(recorder))
     with _handling(stop.ask):
         try:

@@ -16,6 +16,8 @@ from host.errors import UsageError
 DEFAULT_BAUD = 115_200
 # How long a read waits for the first byte: also how soon a stop is noticed.
 READ_TIMEOUT_S = 0.1
+# A line that takes nothing for so long is not read at its other end.
+_WRITE_TIMEOUT_S = 1.0
 _GATHER_BYTES = 4096
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 
@@ -58,7 +60,11 @@ class Link:
         self._check()
         try:
             self._serial = serial.serial_for_url(
-                self.port, baudrate=self._baud, timeout=READ_TIMEOUT_S, exclusive=None if self.is_url else True
+                self.port,
+                baudrate=self._baud,
+                timeout=READ_TIMEOUT_S,
+                write_timeout=_WRITE_TIMEOUT_S,
+                exclusive=None if self.is_url else True,
             )
         except (OSError, ValueError) as error:
             raise UsageError(f"port {self.port}: cannot be opened: {_reason(error)}") from None
@@ -87,10 +93,29 @@ class Link:
             # pyserial reports an unplugged device as SerialException, as bare OSError, and as TypeError.
             # What was read before that is kept: the next read meets the same error.
             if not data:
-                self.close()
-                self._lost_pty = _pty_identity(self.port)
+                self._lose()
                 raise LinkLost(_reason(error)) from None
         return data
+
+    def write(self, data: bytes) -> None:
+        """Sends the bytes.
+
+        Raises UsageError when the other end does not take them, and LinkLost, with the port closed, when the port
+        went away.
+        """
+        try:
+            self._serial.write(data)
+        except serial.SerialTimeoutException:
+            raise UsageError(
+                f"port {self.port}: expected that the board takes what is sent, found that it reads nothing"
+            ) from None
+        except (OSError, TypeError) as error:
+            self._lose()
+            raise LinkLost(_reason(error)) from None
+
+    def _lose(self) -> None:
+        self.close()
+        self._lost_pty = _pty_identity(self.port)
 
     def _check(self) -> None:
         """Says what a path is that is no serial port, in better words than the terminal's functions have."""

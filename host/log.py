@@ -43,6 +43,9 @@ class Kind(IntEnum):
     LOST = 2
     REOPENED = 3
     STOPPED = 4
+    CONTINUED = 5
+    COMMAND = 6
+    MARK = 7
 
 
 _EVENT_KINDS = frozenset(Kind) - {Kind.DATA}
@@ -58,7 +61,11 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened to the recording: the port was opened, lost, re-opened; the recorder stopped."""
+    """Something that happened to the recording.
+
+    The port was opened, lost, re-opened; the recorder stopped, or went on in this file; the host sent a command, or
+    somebody marked a moment.
+    """
 
     time_ns: int
     kind: Kind
@@ -156,6 +163,11 @@ class LogWriter:
 
     def close(self) -> None:
         os.close(self._fd)
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return self._size
 
     def data(self, time_ns: int, data: bytes) -> None:
         """Keeps the bytes of one read."""

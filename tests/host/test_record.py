@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,9 @@ from host.cli import main
 from host.errors import UsageError
 from host.link import Link, LinkLost
 from host.log import Chunk, Event, Kind, is_log, read_log
-from host.record import Recorder, Request
+from host.record import Listener, Recorder, Request
+from host.segments import segments_of
+from host.stream import Arrival
 
 RUN = "import sys; from host.cli import main; sys.exit(main())"
 RUN_WITH_A_SMALL_DISK = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000)); " + RUN
@@ -68,10 +70,10 @@ def events(path: Path) -> list[Kind]:
 
 
 @contextmanager
-def recording(port: str, log: Path, **options: Any) -> Iterator[Recorder]:
+def recording(port: str, log: Path, listeners: Sequence[Listener] = (), **options: Any) -> Iterator[Recorder]:
     """A recorder in a thread; it is asked to stop at the end."""
     stop = threading.Event()
-    recorder = Recorder(Request(port, log, **options), stop.is_set, lambda: None)
+    recorder = Recorder(Request(port, log, **options), stop.is_set, lambda: None, listeners)
     thread = threading.Thread(target=recorder.run)
     thread.start()
     try:
@@ -307,3 +309,62 @@ def test_bytes_before_an_error_are_kept(monkeypatch: pytest.MonkeyPatch, error: 
         with pytest.raises(LinkLost):
             link.read()
     assert device.closed
+
+
+class Ear:
+    """A listener that keeps what it hears."""
+
+    def __init__(self) -> None:
+        self.data = b""
+        self.frames = 0
+        self.events: list[Event] = []
+
+    def hear(self, time_ns: int, data: bytes, arrivals: Sequence[Arrival]) -> None:
+        self.data += data
+        self.frames += len(arrivals)
+
+    def notice(self, event: Event) -> None:
+        self.events.append(event)
+
+
+def test_listeners_hear_what_the_log_keeps(tmp_path: Path, kit: Any) -> None:
+    pty, log, ear = Pty(tmp_path / "port"), tmp_path / "a.log", Ear()
+    line = kit.Flight().line(60)
+    with recording(str(pty.link), log, listeners=[ear]) as recorder:
+        pty.write(line)
+        wait_until(lambda: recorder.stream.bytes == len(line))
+        recorder.mark("abeam the lighthouse")
+        wait_until(lambda: Kind.MARK in events(log))
+    pty.close(remove_link=True)
+    assert ear.data == logged(log) == line
+    assert ear.frames == 60
+    assert ear.events == [item for item in read_log(log) if isinstance(item, Event)]
+    assert [event.text for event in ear.events if event.kind is Kind.MARK] == ["abeam the lighthouse"]
+
+
+def test_what_is_sent_reaches_the_board_and_the_log(tmp_path: Path) -> None:
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+    with recording(str(pty.link), log) as recorder:
+        recorder.send(b"\xeb\x90\x81\x04", "mode navigate")
+        wait_until(lambda: Kind.COMMAND in events(log))
+        assert os.read(pty.master, 100) == b"\xeb\x90\x81\x04"
+        pty.close(remove_link=True)
+        wait_until(lambda: not recorder.connected)
+        with pytest.raises(UsageError, match="expected an open port to send to, found that it is away"):
+            recorder.send(b"\xeb\x90\x81\x04", "mode navigate")
+        recorder.mark("at the end")
+    texts = [item.text for item in read_log(log) if isinstance(item, Event) and item.kind in (Kind.COMMAND, Kind.MARK)]
+    assert texts == ["mode navigate; eb 90 81 04", "at the end"]
+
+
+def test_segments_are_asked_for_on_the_command_line(tmp_path: Path, kit: Any) -> None:
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+    line = kit.Flight().line(400)
+    with program("record", str(pty.link), "--log", str(log), "--segment-bytes", "9000") as process:
+        wait_until(lambda: Kind.OPENED in events(log))
+        pty.write(line)
+        wait_until(lambda: sum(len(logged(path)) for path in segments_of(log)) == len(line))
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 0
+    pty.close(remove_link=True)
+    assert len(list(segments_of(log))) > 3
