@@ -96,6 +96,7 @@ def _tell(text: str, end: str = "\n") -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from host.cli_files import add_to
     from host.link import DEFAULT_BAUD
 
     parser = _Parser(prog="nav-host", description=__doc__.splitlines()[0], allow_abbrev=False)
@@ -110,21 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     add_segment_options(record)
     record.set_defaults(run=_record)
 
-    stats = commands.add_parser("stats", help="say what a recording holds")
-    stats.add_argument("log", type=Path, metavar="LOG", help="a log, or raw bytes of a line")
-    stats.set_defaults(run=_stats)
-
-    draw = commands.add_parser("plot", help="draw a recording as PNG files")
-    draw.add_argument("log", type=Path, metavar="LOG", help="a log, or raw bytes of a line")
-    draw.add_argument("-o", dest="output", type=Path, required=True, metavar="DIR", help="directory for the figures")
-    draw.set_defaults(run=_plot)
-
-    convert = commands.add_parser("export", help="write a recording in another format")
-    convert.add_argument("log", type=Path, metavar="LOG", help="a log, or raw bytes of a line")
-    convert.add_argument("--to", required=True, metavar="FORMAT", help="format to write: csv")
-    convert.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE", help="file to write")
-    convert.add_argument("--frame", metavar="NAME", help="frame to export; default: the most frequent one")
-    convert.set_defaults(run=_export)
+    add_to(commands, _say)
     return parser
 
 
@@ -158,32 +145,6 @@ def _whole(text: str, what: str) -> int:
     if not text.isascii() or not text.isdigit() or not 0 < len(text) < 16 or int(text) == 0:
         raise argparse.ArgumentTypeError(f"expected a whole number of {what} above 0, found {text!r}")
     return int(text)
-
-
-def _stats(arguments: argparse.Namespace) -> int:
-    from host.source import open_source
-    from host.stats import report, survey
-
-    _say(report(survey(open_source(arguments.log))), end="")
-    return 0
-
-
-def _export(arguments: argparse.Namespace) -> int:
-    from host.export import export
-    from host.source import open_source
-
-    rows = export(open_source(arguments.log), arguments.to, arguments.output, arguments.frame)
-    _say(f"{arguments.output}: {rows:,} rows")
-    return 0
-
-
-def _plot(arguments: argparse.Namespace) -> int:
-    from host.plot import plot
-    from host.source import open_source
-
-    for path in plot(open_source(arguments.log), arguments.output):
-        _say(str(path))
-    return 0
 
 
 def _record(arguments: argparse.Namespace) -> int:

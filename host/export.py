@@ -1,84 +1,96 @@
-"""A recording in the formats of other programs: one table row for each frame."""
+"""A recording in the formats of other programs; CSV is written here, one row for each frame."""
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from host.errors import UsageError
 from host.files import replacing
 from host.schema import SINGLE, Field, Kind
-from host.source import Batch, Recording, Source
+from host.source import Batch, Source
 from host.stats import choose_frame, survey
+from host.table import Column, Role, Selection, columns_of, texts_of
 
 # Nine significant digits tell any two 24-bit mantissas apart.
 _SINGLE_FORMAT = "%.9g"
 _MOST_DECIMALS = 12
+# The module behind a format; the extra that brings it has the format's name.
+_MODULES = {"parquet": "pyarrow", "mcap": "mcap"}
+
+Writer = Callable[[Path, Selection], int]
 
 
 @dataclass(frozen=True)
-class Column:
-    """One column of the table: its title and the texts of its cells for a batch that has the field."""
+class Written:
+    """How many frames went into the file, and how many were left out because nothing tells their time."""
 
-    title: str
-    cells: Callable[[Batch], Sequence[str]]
-
-
-Columns = dict[str, Column]
-Writer = Callable[[Path, Sequence[str], Iterable[tuple[Batch, Columns]]], None]
+    frames: int
+    left_out: int
 
 
-def export(source: Source, to: str, target: Path, frame_name: str | None = None) -> int:
-    """Writes the frames of one name (default: the most frequent) to `target`; gives the number of rows.
+def export(source: Source, to: str, target: Path, frame_name: str | None = None) -> Written:
+    """Writes the frames of one name to `target`.
 
-    The file appears whole or not at all. Frames whose description changed on the way keep each its own columns; a
-    cell without a value is empty. Raises UsageError for an unknown format or frame and for a file that cannot be
-    written.
+    Without a name these are all frames for MCAP, the most frequent ones for a table. The file appears whole or not at
+    all. Raises UsageError for an unknown format or frame, for a format whose module is not installed and for a file
+    that cannot be written.
     """
     writer = FORMATS.get(to)
     if writer is None:
         raise UsageError(f"--to: expected {' or '.join(FORMATS)}, found {to!r}")
+    _check_module(to)
     found = survey(source)
     name = choose_frame(found, frame_name)
-    layouts = found.layouts(name)
-    columns_of = {layout: {column.title: column for column in _columns(layout.fields)} for layout in layouts}
-    titles = list(dict.fromkeys(title for columns in columns_of.values() for title in columns))
-    batches = source.batches(Recording())
-    rows = ((batch, columns_of[batch.layout]) for batch in batches if batch.layout.name == name)
+    layouts = found.frames if to == "mcap" and frame_name is None else found.layouts(name)
+    selection = Selection(found, tuple(layouts))
     with replacing(target, source.path) as partial:
-        writer(partial, titles, rows)
-    return sum(found.frames[layout] for layout in layouts)
+        left_out = writer(partial, selection)
+    return Written(selection.frames - left_out, left_out)
 
 
-def _columns(fields: Iterable[Field]) -> Iterator[Column]:
-    yield Column("host_time [s]", _host_times)
-    yield Column("session", lambda batch: [str(batch.session)] * len(batch.arrivals))
-    for field in fields:
-        yield _numbers(field)
-        if field.kind is not Kind.QUANTITY:
-            yield _words(field)
+def _check_module(to: str) -> None:
+    module = _MODULES.get(to)
+    if module is None:
+        return
+    try:
+        import_module(module)
+    except ImportError:
+        raise UsageError(
+            f"--to {to} needs {module}, which is not installed: pip install 'firmware-sim[{to}]'"
+        ) from None
 
 
-def _host_times(batch: Batch) -> list[str]:
-    """Seconds since 1970 with all nine decimals: a float would keep seven."""
-    return ["" if ns is None else f"{ns // 10**9}.{ns % 10**9:09d}" for ns in batch.times_ns]
+def _write_csv(path: Path, selection: Selection) -> int:
+    """A column that a frame does not have, because its description changed on the way, is empty in its row."""
+    columns = {layout: columns_of(layout.fields) for layout in selection.layouts}
+    titles = list(dict.fromkeys(title for each in columns.values() for title in each))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(titles)
+        for batch in selection.batches():
+            own = columns[batch.layout]
+            empty = [""] * len(batch.times_ns)
+            cells = [_cells(own[title], batch) if title in own else empty for title in titles]
+            table.writerows(zip(*cells, strict=True))
+    return 0
 
 
-def _numbers(field: Field) -> Column:
-    pattern = _number_format(field)
-    return Column(field.title, lambda batch: [pattern % value for value in batch.columns[field.name].tolist()])
-
-
-def _words(field: Field) -> Column:
-    def cells(batch: Batch) -> list[str]:
-        values = batch.columns[field.name].tolist()
-        words = {value: field.words(value) for value in set(values)}
-        return [words[value] for value in values]
-
-    return Column(f"{field.name} words", cells)
+def _cells(column: Column, batch: Batch) -> Sequence[str]:
+    if column.role is Role.HOST_TIME:
+        # Seconds since 1970 with all nine decimals: a float would keep seven.
+        return ["" if ns is None else f"{ns // 10**9}.{ns % 10**9:09d}" for ns in batch.times_ns]
+    if column.field is None:
+        return [str(batch.session)] * len(batch.times_ns)
+    values = batch.columns[column.field.name]
+    if column.role is Role.WORDS:
+        return texts_of(column.field, values)
+    pattern = _number_format(column.field)
+    return [pattern % value for value in values.tolist()]
 
 
 def _number_format(field: Field) -> str:
@@ -97,14 +109,18 @@ def _number_format(field: Field) -> str:
     return f"%.{max(0, 2 - math.floor(math.log10(abs(field.scale))))}f"
 
 
-def _write_csv(path: Path, titles: Sequence[str], rows: Iterable[tuple[Batch, Columns]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(titles)
-        for batch, columns in rows:
-            empty = [""] * len(batch.arrivals)
-            cells = [columns[title].cells(batch) if title in columns else empty for title in titles]
-            table.writerows(zip(*cells, strict=True))
+def _write_parquet(path: Path, selection: Selection) -> int:
+    from host.export_parquet import write_parquet
+
+    write_parquet(path, selection)
+    return 0
 
 
-FORMATS: dict[str, Writer] = {"csv": _write_csv}
+def _write_mcap(path: Path, selection: Selection) -> int:
+    from host.export_mcap import write_mcap
+
+    return write_mcap(path, selection)
+
+
+# Each gives the number of frames that it left out.
+FORMATS: dict[str, Writer] = {"csv": _write_csv, "parquet": _write_parquet, "mcap": _write_mcap}

@@ -57,7 +57,7 @@ def read(path: Path) -> list[dict[str, str]]:
 def test_golden_csv(tmp_path: Path, kit: Any) -> None:
     log, target = tmp_path / "a.log", tmp_path / "a.csv"
     small_log(log, kit)
-    assert export(open_source(log), "csv", target) == 3
+    assert export(open_source(log), "csv", target).frames == 3
     assert target.read_text(encoding="utf-8") == GOLDEN
     assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "a.log"}
 
@@ -65,7 +65,7 @@ def test_golden_csv(tmp_path: Path, kit: Any) -> None:
 def test_another_frame_by_its_name(tmp_path: Path, kit: Any) -> None:
     log, target = tmp_path / "a.log", tmp_path / "a.csv"
     small_log(log, kit)
-    assert export(open_source(log), "csv", target, "rare") == 1
+    assert export(open_source(log), "csv", target, "rare").frames == 1
     assert [row["sequence"] for row in read(target)] == ["0"]
     with pytest.raises(UsageError, match="small or rare, found 'none'"):
         export(open_source(log), "csv", target, "none")
@@ -75,7 +75,7 @@ def test_raw_line_bytes_export_without_host_time(tmp_path: Path, kit: Any) -> No
     raw, target = tmp_path / "line.bin", tmp_path / "a.csv"
     flight = kit.Flight()
     raw.write_bytes(b"\x90half a frame" + flight.line(9000))
-    assert export(open_source(raw), "csv", target) == 9000
+    assert export(open_source(raw), "csv", target).frames == 9000
     rows = read(target)
     assert {row["host_time [s]"] for row in rows} == {""}
     assert [int(row["sequence"]) for row in rows] == list(range(9000))

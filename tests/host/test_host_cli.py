@@ -22,7 +22,7 @@ import signal, sys, time
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 import host.export
 from host.cli import main
-def write_slowly(path, titles, rows):
+def write_slowly(path, selection):
     path.write_text("half")
     time.sleep(60)
 host.export.FORMATS["csv"] = write_slowly
@@ -58,7 +58,7 @@ MISTAKES = [
     ("stats {}/text", "is not a log and holds no frame"),
     ("stats {}/empty", "is not a log and holds no frame"),
     ("stats {}/later", "expected a log of version 1, found version 9"),
-    ("export {}/line --to xls -o {}/new", "--to: expected csv, found 'xls'"),
+    ("export {}/line --to xls -o {}/new", "--to: expected csv or parquet or mcap, found 'xls'"),
     ("export {}/line --to csv", "-o"),
     ("export {}/line --to csv -o {}/dir", "dir: expected a file to write to"),
     ("export {}/line --to csv -o {}/gone/new", "new: cannot be written: No such file or directory"),

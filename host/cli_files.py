@@ -1,0 +1,64 @@
+"""The commands of `nav-host` that read recordings: their options and what they do.
+
+What takes time to import is imported by the commands, when the signals are already handled.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Say = Callable[[str], None]
+_LOG = "a log, or raw bytes of a line"
+
+
+def add_to(commands: Any, say: Say) -> None:
+    """Adds the parsers of the commands; their runners print with `say`, a line at a time."""
+
+    def add(name: str, run: Callable[[argparse.Namespace, Say], None], text: str) -> argparse.ArgumentParser:
+        def runner(arguments: argparse.Namespace) -> int:
+            run(arguments, say)
+            return 0
+
+        parser: argparse.ArgumentParser = commands.add_parser(name, help=text)
+        parser.add_argument("log", type=Path, metavar="LOG", help=_LOG)
+        parser.set_defaults(run=runner)
+        return parser
+
+    add("stats", _stats, "say what a recording holds")
+
+    draw = add("plot", _plot, "draw a recording as PNG files")
+    draw.add_argument("-o", dest="output", type=Path, required=True, metavar="DIR", help="directory for the figures")
+
+    convert = add("export", _export, "write a recording in another format")
+    convert.add_argument("--to", required=True, metavar="FORMAT", help="format to write: csv, parquet or mcap")
+    convert.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE", help="file to write")
+    text = "frame to export; default: the most frequent one, for mcap all"
+    convert.add_argument("--frame", metavar="NAME", help=text)
+
+
+def _stats(arguments: argparse.Namespace, say: Say) -> None:
+    from host.source import open_source
+    from host.stats import report, survey
+
+    say(report(survey(open_source(arguments.log))).removesuffix("\n"))
+
+
+def _export(arguments: argparse.Namespace, say: Say) -> None:
+    from host.export import export
+    from host.source import open_source
+
+    written = export(open_source(arguments.log), arguments.to, arguments.output, arguments.frame)
+    what = "frames" if arguments.to == "mcap" else "rows"
+    rest = f"; left out, because nothing tells their time: {written.left_out:,}" if written.left_out else ""
+    say(f"{arguments.output}: {written.frames:,} {what}{rest}")
+
+
+def _plot(arguments: argparse.Namespace, say: Say) -> None:
+    from host.plot import plot
+    from host.source import open_source
+
+    for path in plot(open_source(arguments.log), arguments.output):
+        say(str(path))
