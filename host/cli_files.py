@@ -6,6 +6,7 @@ What takes time to import is imported by the commands, when the signals are alre
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,8 @@ def add_to(commands: Any, say: Say) -> None:
         parser.set_defaults(run=runner)
         return parser
 
-    add("stats", _stats, "say what a recording holds")
+    stats = add("stats", _stats, "say what a recording holds")
+    stats.add_argument("--json", action="store_true", help="print it as JSON")
 
     draw = add("plot", _plot, "draw a recording as PNG files")
     draw.add_argument("-o", dest="output", type=Path, required=True, metavar="DIR", help="directory for the figures")
@@ -40,10 +42,12 @@ def add_to(commands: Any, say: Say) -> None:
 
 
 def _stats(arguments: argparse.Namespace, say: Say) -> None:
+    from host.analysis import analyse, as_data
     from host.source import open_source
-    from host.stats import report, survey
+    from host.stats import report
 
-    say(report(survey(open_source(arguments.log))).removesuffix("\n"))
+    found = analyse(open_source(arguments.log))
+    say(json.dumps(as_data(found), indent=1) if arguments.json else report(found).removesuffix("\n"))
 
 
 def _export(arguments: argparse.Namespace, say: Say) -> None:

@@ -20,8 +20,8 @@ _UNWRAPPED = ("heading", "longitude")
 # At a session's start no solver has run before, and the first step has fewer samples.
 _NOT_IN_THE_FIRST_FRAME = ("solver_cycles", *(f"{sensor}_sum_{axis}" for sensor in ("gyro", "acc") for axis in "xyz"))
 # Clocks that agree better than this count as one.
-_SAME_RATE = 0.01
-_TIMES = ("valid_time", "tick")
+SAME_RATE = 0.01
+TIMES = ("valid_time", "tick")
 _NAVIGATION = ("valid_time", "latitude", "longitude")
 
 
@@ -94,7 +94,7 @@ def _timing_plan(fields: Mapping[str, Field], board_rate: float | None) -> Itera
         title = _with_unit("solver", fields["solver_cycles"].unit)
         panels.append(Panel(title, ("solver_cycles",), limit=tick_budget_cycles(fields)))
     if board_rate is not None:
-        is_same = abs(board_rate - 1.0) < _SAME_RATE
+        is_same = abs(board_rate - 1.0) < SAME_RATE
         note = "" if is_same else f"board time runs at host time x {board_rate:.3g}"
         panels.append(Panel("arrival jitter [ms]", (JITTER,), note=note))
     if counters := tuple(name for name in ("overruns", "lost_samples") if name in fields):
@@ -147,7 +147,7 @@ def _with_unit(name: str, unit: str) -> str:
 
 def time_field(layout: Layout) -> Field | None:
     """The field that says the board's time, if there is one."""
-    for name in _TIMES:
+    for name in TIMES:
         if name in layout.by_name:
             return layout.by_name[name]
     return next((field for field in layout.fields if field.unit == "s"), None)

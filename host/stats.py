@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from host.curves import time_field
 from host.errors import UsageError
+from host.losses import Losses, gap_line, loss_lines
 from host.rates import BoardRate
 from host.schema import DESCRIPTION_TYPE, Field, Kind, Layout
 from host.source import Batch, Recording, Source, utc_text
 from host.stream import Stream
+from host.timing import timing_lines
+
+if TYPE_CHECKING:
+    from host.analysis import Analysis
 
 _SHOWN = 20
 
@@ -100,10 +106,22 @@ def _single_words(described: Field, value: int) -> Iterable[str]:
     return (described.labels[value] if named else "a value without a name",)
 
 
-def report(found: Survey) -> str:
-    """The survey as a page of text."""
-    sections = (_summary, _frames, _sessions, _gaps, _events, _damages, _fields, _words)
-    return "\n\n".join(text for section in sections if (text := "\n".join(section(found)))) + "\n"
+def report(analysis: Analysis) -> str:
+    """The analysis as a page of text."""
+    found = analysis.found
+    sections = (
+        _summary(found),
+        _frames(found),
+        _sessions(found),
+        loss_lines(analysis.losses),
+        _gaps(analysis.losses),
+        *(timing_lines(timing) for timing in analysis.timings),
+        _events(found),
+        _damages(found),
+        _fields(found),
+        _words(found),
+    )
+    return "\n\n".join(text for section in sections if (text := "\n".join(section))) + "\n"
 
 
 def _summary(found: Survey) -> Iterator[str]:
@@ -154,12 +172,10 @@ def _sessions(found: Survey) -> Iterator[str]:
     yield from _first_of(lines)
 
 
-def _gaps(found: Survey) -> Iterator[str]:
-    names = {layout.type: layout.name for layout in found.frames}
-    gaps = [(names.get(kind, kind), *gap) for kind, account in found.stream.accounts.items() for gap in account.gaps]
-    if gaps:
+def _gaps(losses: Losses) -> Iterator[str]:
+    if losses.gaps:
         yield "gaps in the sequence"
-        yield from _first_of([f"  {name}: {lost:,} lost after number {after:,}" for name, after, lost in gaps])
+        yield from _first_of([f"  {gap_line(gap)}" for gap in losses.gaps])
 
 
 def _events(found: Survey) -> Iterator[str]:

@@ -120,7 +120,7 @@ def test_an_interrupt_is_status_130(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("host.stats.survey", interrupted)
+    monkeypatch.setattr("host.analysis.survey", interrupted)
     assert main(["stats", str(place / "line")]) == 130
     assert capsys.readouterr().err == "nav-host: interrupted\n"
 

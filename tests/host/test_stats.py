@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from host.analysis import analyse
 from host.errors import UsageError
 from host.log import Kind, LogWriter
 from host.source import open_source
@@ -51,7 +52,7 @@ def test_page_of_a_log(tmp_path: Path, kit: Any) -> None:
     flight_log(path, kit)
     with path.open("ab") as file:
         file.write(b"\xc7LOG\x00\x50")
-    page = report(survey(open_source(path)))
+    page = report(analyse(open_source(path)))
     for part in (
         "249 received, 5 lost, 1 damaged",
         "recorded  2026-09-21 14:13:20.000 UTC, 102.000 s",
@@ -68,7 +69,7 @@ def test_page_of_a_log(tmp_path: Path, kit: Any) -> None:
 def test_page_of_raw_bytes_has_no_times(tmp_path: Path, kit: Any) -> None:
     path = tmp_path / "line.bin"
     path.write_bytes(kit.Flight().line(70) + kit.frame(9, b"?"))
-    page = report(survey(open_source(path)))
+    page = report(analyse(open_source(path)))
     assert "raw bytes of a line, without host time" in page
     assert "(not described)" in page
     assert "recorded" not in page
@@ -78,7 +79,7 @@ def test_page_of_raw_bytes_has_no_times(tmp_path: Path, kit: Any) -> None:
 def test_a_recording_that_ends_inside_a_frame(tmp_path: Path, kit: Any) -> None:
     path = tmp_path / "line.bin"
     path.write_bytes(kit.Flight().line(70)[:-75])
-    page = report(survey(open_source(path)))
+    page = report(analyse(open_source(path)))
     assert "0 lost, 0 damaged" in page
     assert "skipped   0 bytes" in page
     assert "cut off   at the end: 33 bytes of a frame" in page
@@ -88,7 +89,7 @@ def test_a_log_without_a_frame_says_so(tmp_path: Path) -> None:
     path = tmp_path / "a.log"
     with LogWriter(path) as log:
         log.event(1, Kind.OPENED, "port")
-    page = report(survey(open_source(path)))
+    page = report(analyse(open_source(path)))
     assert "\nno frame\n" in page
     assert "undecoded" not in page
 
@@ -98,7 +99,7 @@ def test_many_events_are_cut_short(tmp_path: Path, kit: Any) -> None:
     with LogWriter(path) as log:
         for number in range(50):
             log.event(number, Kind.LOST, f"reason {number}")
-    page = report(survey(open_source(path)))
+    page = report(analyse(open_source(path)))
     assert "reason 19" in page
     assert "reason 20" not in page
     assert "and 30 more" in page
