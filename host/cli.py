@@ -17,6 +17,8 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from host import cli_line
+from host.cli_line import baud, seconds
 from host.errors import UsageError
 
 if TYPE_CHECKING:
@@ -96,7 +98,7 @@ def _tell(text: str, end: str = "\n") -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from host.cli_files import add_to
+    from host import cli_files
     from host.link import DEFAULT_BAUD
 
     parser = _Parser(prog="nav-host", description=__doc__.splitlines()[0], allow_abbrev=False)
@@ -105,46 +107,15 @@ def _parser() -> argparse.ArgumentParser:
     record = commands.add_parser("record", help="record a line to a log until Ctrl-C")
     record.add_argument("port", metavar="PORT", help="serial port, pty, or pyserial URL such as socket://HOST:PORT")
     record.add_argument("--log", type=Path, required=True, metavar="FILE", help="new file, or a log to append to")
-    record.add_argument("--duration", type=_seconds, default=math.inf, metavar="S", help="stop after S seconds")
+    record.add_argument("--duration", type=seconds, default=math.inf, metavar="S", help="stop after S seconds")
     record.add_argument("--once", action="store_true", help="stop when the port is gone, instead of waiting for it")
-    record.add_argument("--baud", type=_baud, default=DEFAULT_BAUD, metavar="N", help="default: %(default)s")
-    add_segment_options(record)
+    record.add_argument("--baud", type=baud, default=DEFAULT_BAUD, metavar="N", help="default: %(default)s")
+    cli_line.add_segment_options(record)
     record.set_defaults(run=_record)
 
-    add_to(commands, _say)
+    cli_line.add_to(commands, _say)
+    cli_files.add_to(commands, _say)
     return parser
-
-
-def add_segment_options(parser: argparse.ArgumentParser) -> None:
-    """When a recording goes on in another file."""
-    limits = parser.add_mutually_exclusive_group()
-    text = "go on in FILE.0002, FILE.0003 (before its ending) each time a file holds N bytes"
-    limits.add_argument("--segment-bytes", type=_count, default=math.inf, metavar="N", help=text)
-    limits.add_argument("--segment-s", type=_seconds, default=math.inf, metavar="S", help="the same after S seconds")
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a number of seconds above 0, found {text!r}")
-    return value
-
-
-def _baud(text: str) -> int:
-    return _whole(text, "bits per second")
-
-
-def _count(text: str) -> int:
-    return _whole(text, "bytes")
-
-
-def _whole(text: str, what: str) -> int:
-    if not text.isascii() or not text.isdigit() or not 0 < len(text) < 16 or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"expected a whole number of {what} above 0, found {text!r}")
-    return int(text)
 
 
 def _record(arguments: argparse.Namespace) -> int:

@@ -26,6 +26,10 @@ class LinkLost(Exception):  # noqa: N818 - an event of the line, not somebody's 
     """The port went away; the text says how that showed."""
 
 
+class PortBusyError(UsageError):
+    """Another program has the port open."""
+
+
 class Link:
     """A port opened by its name, raw, eight bits without parity; `open` again after it was lost.
 
@@ -67,7 +71,8 @@ class Link:
                 exclusive=None if self.is_url else True,
             )
         except (OSError, ValueError) as error:
-            raise UsageError(f"port {self.port}: cannot be opened: {_reason(error)}") from None
+            kind = PortBusyError if _is_busy(error) else UsageError
+            raise kind(f"port {self.port}: cannot be opened: {_reason(error)}") from None
 
     def close(self) -> None:
         if self._serial is not None:
@@ -164,10 +169,14 @@ def _pty_identity(port: str) -> tuple[str, int, int] | None:
     return (device, link.st_ino, link.st_ctime_ns) if stat.S_ISLNK(link.st_mode) else (device, 0, 0)
 
 
+def _is_busy(error: Exception) -> bool:
+    return getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in str(error)
+
+
 def _reason(error: Exception) -> str:
     """The reason in few words; pyserial wraps the system's text in more or less of its own."""
     number = getattr(error, "errno", None)
-    if number == errno.EAGAIN or "exclusively lock" in str(error):
+    if _is_busy(error):
         return "another program has it open"
     if isinstance(number, int):
         return os.strerror(number)

@@ -17,6 +17,8 @@ from host.segments import Limits, SegmentWriter, last_segment
 from host.stream import Arrival, Stream
 
 _REOPEN_POLL_S = 0.05
+# How the event of a command begins that did not reach the line.
+NOT_SENT = "not sent"
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,7 @@ class Recorder:
         self.stream.finish()
         while not self._orders.empty():
             kind, frame, text = self._orders.get()
-            self._keep(log, kind, f"not sent, the recording ended: {text}" if frame else text)
+            self._keep(log, kind, f"{NOT_SENT}, the recording ended: {text}" if frame else text)
         self._keep(log, Kind.STOPPED, "stopped" if self.connected else "the port is gone")
 
     def _keep(self, log: SegmentWriter, kind: Kind, text: str) -> None:
@@ -152,7 +154,7 @@ class Recorder:
                 if frame:
                     link.write(frame)
             except (UsageError, LinkLost) as error:
-                self._keep(log, kind, f"not sent, {error}: {text}")
+                self._keep(log, kind, f"{NOT_SENT}, {error}: {text}")
                 if isinstance(error, LinkLost):
                     raise
             else:

@@ -46,6 +46,8 @@ NAVIGATION = (
     FieldRow("lost_samples", U32),
 )
 
+ANSWER = (FieldRow("commands", U32), FieldRow("command", U8), FieldRow("code", U8), FieldRow("damaged", U16))
+
 
 def frame(frame_type: int, payload: bytes) -> bytes:
     """Written from the document, not with the host's encoder."""
@@ -142,6 +144,7 @@ class BoardKit:
 
     FieldRow = FieldRow
     NAVIGATION = NAVIGATION
+    ANSWER = ANSWER
     Flight = Flight
     frame = staticmethod(frame)
     single_word = staticmethod(single_word)

@@ -1,0 +1,91 @@
+"""`nav-host` at a line: what the commands that open a port share, and `send`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from host.errors import UsageError
+
+if TYPE_CHECKING:
+    from host.commands import Command
+
+
+def add_to(commands: Any, say: Callable[[str], None]) -> None:
+    """Adds the commands to the parser; what they have to say goes to `say`."""
+    from host.commands import COMMANDS
+
+    parser = commands.add_parser("send", help="send the board a command, and wait for its answer")
+    parser.add_argument("port", metavar="PORT", help="serial port, pty, or pyserial URL such as socket://HOST:PORT")
+    orders = parser.add_subparsers(dest="order", required=True, metavar="WHAT")
+    for command in COMMANDS.values():
+        _add_order(orders, command)
+    parser.set_defaults(run=lambda arguments: _send(arguments, say))
+
+
+def _add_order(orders: Any, command: Command) -> None:
+    from host.link import DEFAULT_BAUD
+    from host.send import DEFAULT_WAIT_S
+
+    parser = orders.add_parser(command.name, help=command.help, description=command.limits or None)
+    for value in command.values:
+        if value.choices:
+            parser.add_argument(value.name, metavar="|".join(value.choices), help=value.help)
+        else:
+            default = "" if value.default is None else f"; default: {value.default:g}"
+            text = f"{value.help}: {value.expected}{default}"
+            parser.add_argument(f"--{value.name.replace('_', '-')}", dest=value.name, metavar="X", help=text)
+    parser.add_argument("--log", type=Path, metavar="FILE", help="append what is heard, and the command, to this log")
+    parser.add_argument("--wait", type=seconds, default=DEFAULT_WAIT_S, metavar="S", help="default: %(default)g")
+    parser.add_argument("--baud", type=baud, default=DEFAULT_BAUD, metavar="N", help="default: %(default)s")
+
+
+def _send(arguments: argparse.Namespace, say: Callable[[str], None]) -> int:
+    from host.commands import COMMANDS, build
+    from host.send import send
+
+    found = {value.name: getattr(arguments, value.name) for value in COMMANDS[arguments.order].values}
+    frame, text = build(arguments.order, {name: given for name, given in found.items() if given is not None})
+    answer = send(arguments.port, frame, text, arguments.log, arguments.wait, arguments.baud)
+    if not answer.is_done:
+        raise UsageError(answer.text)
+    say(answer.text)
+    return 0
+
+
+def add_segment_options(parser: argparse.ArgumentParser) -> None:
+    """When a recording goes on in another file."""
+    limits = parser.add_mutually_exclusive_group()
+    text = "go on in FILE.0002, FILE.0003 (before its ending) each time a file holds N bytes"
+    limits.add_argument("--segment-bytes", type=count, default=math.inf, metavar="N", help=text)
+    limits.add_argument("--segment-s", type=seconds, default=math.inf, metavar="S", help="the same after S seconds")
+
+
+def seconds(text: str) -> float:
+    """A number of seconds above 0, as a type of argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number of seconds above 0, found {text!r}")
+    return value
+
+
+def baud(text: str) -> int:
+    """A number of bits per second, as a type of argparse."""
+    return _whole(text, "bits per second")
+
+
+def count(text: str) -> int:
+    """A number of bytes, as a type of argparse."""
+    return _whole(text, "bytes")
+
+
+def _whole(text: str, what: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 0 < len(text) < 16 or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"expected a whole number of {what} above 0, found {text!r}")
+    return int(text)
