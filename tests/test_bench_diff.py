@@ -9,6 +9,7 @@ import pytest
 from firmware_sim import bench_diff, bench_firmware, cli
 from firmware_sim.bench import Flight
 from firmware_sim.board.sheet import BoardSheet
+from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.build import Firmware
 from firmware_sim.firmware.code_map import CodeMap
 from firmware_sim.plant.scenario import load_scenario
@@ -59,6 +60,48 @@ def test_a_wrong_instruction_is_traced_to_its_line(
     assert f": {text}" in difference.sentence
     assert found in difference.sentence
     assert "h on c3x" in difference.sentence
+
+
+def replaced(frames: list[bytes], number: int, other: bytes) -> bytes:
+    return b"".join([*frames[:number], other, *frames[number + 1 :]])
+
+
+@pytest.mark.parametrize("was", ["navigation frame", "description of navigation.sequence"])
+def test_other_frames_are_named(monkeypatch: pytest.MonkeyPatch, was: str) -> None:
+    sheet = BoardSheet()
+    tables = telemetry.navigation_table(sheet), telemetry.answer_table()
+    navigation = tables[0].pack(dict.fromkeys((field.name for field in tables[0].fields), 0))
+    first, second = tables[0].descriptions()[:2]
+    frames = [navigation, first, navigation]
+    if was == "navigation frame":
+        number, other = 2, second
+        said = "frame 2 is the navigation frame on c3x and the description of navigation.valid_time on iss"
+    else:
+        number, other = 1, telemetry.frame(telemetry.DESCRIPTION, first[4:-5] + b"x")
+        said = "frame 1, the description of navigation.sequence, has other bytes on c3x than on iss"
+    sent = {"c3x": b"".join(frames), "iss": replaced(frames, number, other)}
+    monkeypatch.setattr(bench_diff, "_Flown", lambda flight, _: Recorded(sent[flight.engine]))
+    difference = bench_diff.compare(Flight(load_scenario("sway"), sheet, "iss", 1.0))
+    assert difference.is_found
+    assert difference.sentence.startswith(said)
+    assert difference.sentence.endswith(", not a kernel" if number == 2 else ", not by a kernel")
+
+
+class Recorded:
+    """A flight of which only the frames are known."""
+
+    def __init__(self, sent: bytes) -> None:
+        self.frames = list(bench_diff._frames_of(sent))
+
+
+def test_the_end_of_a_flight_cuts_a_full_line_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One engine's last frame may just have left; more than a ring holds is a difference."""
+    frame = telemetry.frame(telemetry.EVENT, bytes(8))
+    for more, is_found in ((1, False), (300, True)):
+        sent = {"c3x": frame * 5, "iss": frame * (5 + more)}
+        monkeypatch.setattr(bench_diff, "_Flown", lambda flight, _, sent=sent: Recorded(sent[flight.engine]))
+        difference = bench_diff.compare(Flight(load_scenario("sway"), BoardSheet(), "iss", 1.0))
+        assert difference.is_found is is_found
 
 
 def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:

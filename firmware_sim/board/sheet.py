@@ -23,6 +23,9 @@ STANDARD_GRAVITY_MPS2 = 9.80665
 MIN_TICK_CYCLES = 20_000
 """A tick shorter than this could not hold even the saving of registers, the samples' services and a packed frame."""
 
+MIN_SAMPLE_CYCLES = 200
+"""Between samples; closer ones would leave the services behind theirs no bounded time (transmit_account.py)."""
+
 _MAX_BAUD_ERROR = Fraction(2, 100)
 _WORD_MAX = 2**31
 _MAX_BITS = 30
@@ -389,6 +392,11 @@ def _check_samples(sheet: BoardSheet) -> str:
     if nominal < 2 or samples > 255:
         return (
             f"[adc] rate_hz: expected 2 to 255 samples in a tick of {sheet.tick.period_s:g} s, found {float(nominal):g}"
+        )
+    if sheet.sample_oscillator.whole < MIN_SAMPLE_CYCLES:
+        return (
+            f"[adc] rate_hz: expected at most {sheet.h1_hz // MIN_SAMPLE_CYCLES} Hz, {MIN_SAMPLE_CYCLES} cycles from"
+            f" sample to sample, found {sheet.adc.rate_hz:g}"
         )
     if sheet.conversion_cycles >= sheet.sample_oscillator.whole:
         return (

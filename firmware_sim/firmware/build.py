@@ -25,6 +25,7 @@ from firmware_sim.firmware.bounds import ServiceBounds
 from firmware_sim.firmware.calibration import CALIBRATION_WORDS, calibration_words
 from firmware_sim.firmware.chosen import navigator_of
 from firmware_sim.firmware.start import Start, interleaved, two_words
+from firmware_sim.firmware.transmit_account import FRACTION_BITS, RING_SIZE, TransmitLimits
 from firmware_sim.jit import remembered
 from firmware_sim.kernels.expressions import ArrayType
 from firmware_sim.kernels.language import Kernel, KernelError
@@ -45,8 +46,6 @@ FILES: Final = (
     "frame.asm",
     "commands.asm",
 )
-RING: Final = 4096
-"""Bytes of a ring, one in a word; a power of two, at a multiple of itself."""
 SERVICES: Final = {"adc_service": "INT0", "uart_service": "INT1", "tick_service": "TINT0"}
 
 _VECTOR_PAGE: Final = 1
@@ -207,6 +206,7 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
     on_chip = next(window for window in MEMORY if window.name == "on-chip RAM")
     table = telemetry.navigation_table(sheet)
     schedule = telemetry.DescriptionSchedule.of(sheet)
+    limits = TransmitLimits.of(sheet)
     first_part = max(1, round(sheet.samples_per_tick / 2))
     plan = AlignmentPlan.of(sheet)
     values = {
@@ -228,7 +228,10 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
         "SOURCES": sum(1 << BITS[name] for name in ("INT0", "INT1", "INT2", "INT3", "TINT0", "TINT1")),
         "TICK_SOURCE": 1 << BITS["TINT0"],
         "RUNNING": 0x6800,  # ST: edge triggered, GIE, cache
-        "RING": RING,
+        "RING": RING_SIZE,
+        "FRACTION_BITS": FRACTION_BITS,
+        "MOST_WAITING": limits.most,
+        "DRAINED": limits.drained,
         "PERIOD": sheet.timer_period,
         "DIVISOR": sheet.uart_divisor,
         "FIRST_PART": first_part,

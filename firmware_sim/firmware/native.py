@@ -21,13 +21,10 @@ from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.bounds import ServiceBounds
 from firmware_sim.firmware.services import (
     ADC_SERVICE,
-    DESCRIPTION_SENT,
-    FRAME_SENT,
     LOST,
     N1,
     NAV_SERVICE,
     REACHED,
-    RING_SIZE,
     SERVICES,
     SUMS,
     TAKEN_SIZE,
@@ -40,6 +37,7 @@ from firmware_sim.firmware.services import (
 )
 from firmware_sim.firmware.solver import Solver
 from firmware_sim.firmware.stopwatch import new_stopwatch
+from firmware_sim.firmware.transmit_account import RING_SIZE, TransmitAccount, TransmitLimits
 from firmware_sim.jit import is_compiled
 
 _TIMER_RUN = timer.FUNC | timer.GO | timer.HLD | timer.CLKSRC
@@ -67,9 +65,10 @@ class NativeProcessor:
         self._table = telemetry.navigation_table(sheet)
         self._values = dict.fromkeys((field.name for field in self._table.fields), 0)
         self._values["deadline"] = sheet.timer_period
-        self._descriptions = [np.frombuffer(frame, np.uint8) for frame in telemetry.descriptions(sheet)]
+        self._descriptions = telemetry.descriptions(sheet)
         self._next_description = 0
         self._schedule = telemetry.DescriptionClock(telemetry.DescriptionSchedule.of(sheet))
+        self._account = TransmitAccount(TransmitLimits.of(sheet))
         self.nav_cycles = bounds.tick
         self.bounds = {
             NAV_SERVICE: bounds.tick,
@@ -155,24 +154,28 @@ class NativeProcessor:
         values["mode"], values["flags"], values["overruns"] = self.solver.mode, self._flags, overruns & _WORD
         values.update(zip(_SINGLES, self.solver.words().tolist(), strict=True))
         values["latitude"], values["longitude"] = self.solver.latitude, self.solver.longitude
-        description = self._descriptions[self._next_description]
-        self._schedule.tick()
-        sent = end_tick(
-            circuit,
-            self.state,
-            self._ring,
-            self.watch,
-            np.frombuffer(self._table.pack(values), np.uint8),
-            description,
-            self._schedule.is_due(len(description)),
-            self._schedule.is_late,
-            self.nav_cycles,
-            now,
-        )
-        self._was_dropped = not sent & FRAME_SENT
-        self.dropped_frames += self._was_dropped
-        if sent & DESCRIPTION_SENT:
-            self._next_description = (self._next_description + 1) % len(self._descriptions)
-            self._schedule.sent(len(description))
+        frames = np.frombuffer(self._admitted(self._table.pack(values)), np.uint8)
+        end_tick(circuit, self.state, self._ring, self.watch, frames, self.nav_cycles, now)
         values["sequence"] = (values["sequence"] + 1) & _WORD
         values["solver_cycles"] = self.nav_cycles
+
+    def _admitted(self, frame: bytes) -> bytes:
+        """What goes out in this tick of its frame and a description that is due."""
+        self._account.tick()
+        self._schedule.tick()
+        description = self._descriptions[self._next_description]
+        if self._schedule.is_late:
+            # Before the frame, or it would never find room on a line that the frames fill.
+            described = self._account.admits(len(description))
+            is_sent = described and self._account.admits(len(frame))
+            sent = description * described + frame * is_sent
+        else:
+            is_sent = self._account.admits(len(frame))
+            described = self._schedule.is_due(len(description)) and self._account.admits(len(description))
+            sent = frame * is_sent + description * described
+        self._was_dropped = not is_sent
+        self.dropped_frames += self._was_dropped
+        if described:
+            self._next_description = (self._next_description + 1) % len(self._descriptions)
+            self._schedule.sent(len(description))
+        return sent

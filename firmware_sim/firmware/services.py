@@ -17,6 +17,7 @@ from firmware_sim.board.interrupts import INT0, INT1, TINT0, clear, next_source
 from firmware_sim.board.uart import uart_read, uart_write
 from firmware_sim.firmware.bounds import ServiceBounds
 from firmware_sim.firmware.stopwatch import EXECUTION, JITTER, RESPONSE, note
+from firmware_sim.firmware.transmit_account import RING_SIZE
 from firmware_sim.jit import jit
 
 # The wrap of the stopwatch, as the machine code takes it.
@@ -24,8 +25,6 @@ _SHORT_CYCLES = 20
 
 _WORD = 0xFFFFFFFF
 _FULL_PART = 2**30
-RING_SIZE = 4096
-FRAME_SENT, DESCRIPTION_SENT = 1, 2
 TICK_BEGINS, TICK_ENDS, REACHED = 0, 1, 2
 NO_SERVICE = -1
 SUMS = 12
@@ -144,16 +143,12 @@ def serve_uart(circuit: Circuit, state: NDArray[np.void], ring: NDArray[np.uint8
 @jit
 def _transmit(
     circuit: Circuit, state: NDArray[np.void], ring: NDArray[np.uint8], data: NDArray[np.uint8], now: int
-) -> bool:
-    """Append a frame to the ring and let the UART ask for it; False, and nothing done, when it does not fit."""
-    # A ring whose two ends meet is empty: one place stays free.
-    if state[0].ring_count + data.shape[0] >= RING_SIZE:
-        return False
+) -> None:
+    """Append bytes to the ring, which has room for them by the account, and let the UART ask for them."""
     for byte in data:
         ring[(state[0].ring_head + state[0].ring_count) % RING_SIZE] = byte
         state[0].ring_count += 1
     uart_write(circuit.uart, uart.IER, uart.IER_RECEIVE | uart.IER_TRANSMIT, now)
-    return True
 
 
 @jit
@@ -239,38 +234,12 @@ def end_tick(
     state: NDArray[np.void],
     ring: NDArray[np.uint8],
     watch: NDArray[np.int64],
-    frame: NDArray[np.uint8],
-    description: NDArray[np.uint8],
-    description_is_due: bool,
-    description_is_late: bool,
+    frames: NDArray[np.uint8],
     execution: int,
     now: int,
-) -> int:
-    """The tick's service hands over its frame and returns after ``execution`` cycles of its own.
-
-    A description that is due goes behind it; one that is late goes before it, and the frame may find no more room.
-    Gives FRAME_SENT and DESCRIPTION_SENT as bits.
-    """
-    sent = 0
-    if description_is_late:
-        # Before the frame, or it would never find room on a line that the frames fill.
-        if _transmit(circuit, state, ring, description, now):
-            sent |= DESCRIPTION_SENT
-            if _transmit(circuit, state, ring, frame, now):
-                sent |= FRAME_SENT
-    else:
-        if _transmit(circuit, state, ring, frame, now):
-            sent |= FRAME_SENT
-        if description_is_due and _transmit(circuit, state, ring, description, now):
-            sent |= DESCRIPTION_SENT
-    _note_end_of_tick(circuit, state, watch, execution, now)
-    return sent
-
-
-@jit
-def _note_end_of_tick(
-    circuit: Circuit, state: NDArray[np.void], watch: NDArray[np.int64], execution: int, now: int
 ) -> None:
+    """The tick's service hands over its frames, one behind the other, and returns after ``execution`` own cycles."""
+    _transmit(circuit, state, ring, frames, now)
     response = now - state[0].tick_requested
     note(watch[NAV_SERVICE, EXECUTION], execution)
     note(watch[NAV_SERVICE, RESPONSE], response)

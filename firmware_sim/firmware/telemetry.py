@@ -27,6 +27,9 @@ QUANTITY, FLAGS, ENUMERATION = 0, 1, 2
 # Field type -> (code on the line, format of struct). A C3x single travels as its memory word.
 _TYPES = {"u8": (1, "B"), "u16": (2, "H"), "u32": (3, "I"), "i32": (4, "i"), "single": (5, "I")}
 
+_HEAD = struct.Struct("<6Bd")
+"""What a description begins with, in front of its texts."""
+
 NAVIGATION_WORDS = 25
 """The navigation frame's payload, of four bytes each."""
 
@@ -96,7 +99,7 @@ class FrameTable:
     def _description(self, index: int, offset: int) -> bytes:
         field = self.fields[index]
         code = _TYPES[field.type][0]
-        head = struct.pack("<6Bd", self.type, index, len(self.fields), code, offset, field.kind, field.scale)
+        head = _HEAD.pack(self.type, index, len(self.fields), code, offset, field.kind, field.scale)
         texts = (self.name, field.name, field.unit, field.meaning, "|".join(field.labels))
         return head + b"".join(text.encode() + b"\0" for text in texts)
 
@@ -105,6 +108,14 @@ def frame(kind: int, payload: bytes) -> bytes:
     """A complete frame: start, type, length, payload, CRC-32."""
     body = bytes((kind, len(payload))) + payload
     return SYNC + body + zlib.crc32(body).to_bytes(4, "little")
+
+
+def name_of(kind: int, payload: bytes) -> str:
+    """What a frame from the board is, in words."""
+    if kind == DESCRIPTION:
+        table, field = (text.decode() for text in payload[_HEAD.size :].split(b"\0")[:2])
+        return f"description of {table}.{field}"
+    return {NAVIGATION: "navigation frame", ANSWER: "answer", EVENT: "event"}.get(kind, f"frame of type {kind}")
 
 
 def navigation_table(sheet: BoardSheet) -> FrameTable:

@@ -74,6 +74,11 @@ REFUSED = [
     ("[adc]\noffset_ppm = 1e5", "[adc] offset_ppm: expected a number from -10000.0", "100000.0"),
     ("[adc]\nrate_hz = 99.9", "[adc] rate_hz: expected 2 to 255 samples in a tick of 0.02 s", "1.998"),
     ("[adc]\nrate_hz = 13000", "[adc] rate_hz: expected 2 to 255 samples in a tick", "260"),
+    (
+        "[tick]\nperiod_s = 0.02\n[processor]\nclkin_hz = 2_000_000\n[adc]\nrate_hz = 6000\nbits = 20",
+        "[adc] rate_hz: expected at most 5000 Hz, 200 cycles from sample to sample",
+        "6000",
+    ),
     ("[adc]\nbits = 30", "[adc] bits: expected a full-scale sum over one tick and one sample", "21 samples of 30 bits"),
     ("[adc]\nconversion_s = 0.002", "[adc] conversion_s: expected less than the sample period (0.001 s)", "0.002"),
     ("[processor]\nclkin_hz = 50000001", "[processor] clkin_hz: expected an even number", "50000001"),

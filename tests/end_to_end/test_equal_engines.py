@@ -10,7 +10,15 @@ import pytest
 from firmware_sim import bench, bench_firmware
 from firmware_sim.bench import Flight
 from firmware_sim.board.line import FileLine
-from firmware_sim.board.sheet import AdcSheet, AlignmentSheet, BoardSheet, NavigationSheet, TickSheet, UartSheet
+from firmware_sim.board.sheet import (
+    AdcSheet,
+    AlignmentSheet,
+    BoardSheet,
+    CalibrationSheet,
+    NavigationSheet,
+    TickSheet,
+    UartSheet,
+)
 from firmware_sim.firmware import telemetry
 from firmware_sim.plant.scenario import load_scenario
 from tests.end_to_end.test_recorded_unit import EXCERPT, aligned
@@ -50,6 +58,19 @@ SHEETS = {
 }
 
 
+# Lines that carry less than the frames: which of them are dropped does not depend on when the UART was served.
+SLOW = [
+    (0.02, 1000.0, UartSheet(baud=9600)),
+    (0.02, 1000.0, UartSheet(baud=19200)),
+    (0.02, 1000.0, UartSheet(baud=38400)),
+    (0.04, 500.0, UartSheet(baud=9600)),
+    (0.01, 1000.0, UartSheet(baud=57600)),
+    (0.005, 1000.0, UartSheet(baud=115200)),
+    (0.0016, 1250.0, UartSheet(baud=115200)),
+    (0.0008, 2500.0, UartSheet(crystal_hz=14_745_600, baud=921_600)),
+]
+
+
 @pytest.mark.parametrize(
     ("name", "sheet", "seed"),
     [
@@ -83,6 +104,26 @@ def test_every_frame_is_the_same_but_for_the_measured_cycles(tmp_path: Path, nam
             assert found == pytest.approx(reports["c3x"][errors][quantity], rel=1e-9)
     assert reports["iss"]["adc"]["lost"] == 0
     assert reports["iss"]["overruns"] == 0
+
+
+@pytest.mark.parametrize(("tick_s", "rate_hz", "uart"), SLOW)
+@pytest.mark.parametrize("calibration", [CalibrationSheet(), KNOWN], ids=["plain", "calibrated"])
+def test_a_line_too_slow_drops_the_same_frames(
+    tmp_path: Path, tick_s: float, rate_hz: float, uart: UartSheet, calibration: CalibrationSheet
+) -> None:
+    sheet = BoardSheet(tick=TickSheet(tick_s), adc=AdcSheet(rate_hz, bits=20), uart=uart, calibration=calibration)
+    sent, dropped = [], []
+    for engine in ("c3x", "iss"):
+        flight = Flight(load_scenario("turn"), sheet, engine, duration_s=max(4.0, 600 * tick_s), seed=3)
+        report, data = sent_by(engine, flight, tmp_path / engine)
+        sent.append(without_the_measured_field(sheet, data))
+        dropped.append(report["frames"]["dropped"])
+    same = min(map(len, sent))
+    assert same > 100
+    # The flight may end when the last frame has left on one engine alone.
+    assert abs(len(sent[0]) - len(sent[1])) <= (1 if uart.baud <= 115_200 else 32)
+    assert sent[0][:same] == sent[1][:same]
+    assert dropped[0] == dropped[1] > 0
 
 
 def test_a_recorded_unit_is_the_same_on_both(tmp_path: Path) -> None:

@@ -51,7 +51,6 @@ boot_copy3: STI     R0,*AR3++
             RPTB    boot_unit
             LDI     *AR1++,R0
 boot_unit:  STI     R0,*AR2++
-            NOP                             ; the timers count every other cycle: an even number of them up to there
 
             LDI     DATA_PAGE,DP
             LDI     @period,R0
@@ -165,5 +164,6 @@ constants:  .word   ADC, UART, TIMER0, TIMER1, WATCHDOG
             .word   sums, sums+6, v_sums, frame, event, answer, crc_table, command
             .word   tx_ring, tx_ring, rx_ring, rx_ring, descriptions, descriptions, v_new_scale
             .word   PERIOD, FIRST_PART, SAFE_COUNT, MOST, LEAST, 0DEBB20E3h
-            .word   ALIGN_HALF, ALIGN_COARSE, ALIGN_END, ALIGN_UPDATE, ALIGN_VARIANCE, RING-1
+            .word   ALIGN_HALF, ALIGN_COARSE, ALIGN_END, ALIGN_UPDATE, ALIGN_VARIANCE
+            .word   MOST_WAITING, DRAINED
 CONSTANTS   .set    $-constants

@@ -68,7 +68,12 @@ report:     LDI     @timer1_at,AR0
             CMPI    LATE_TICKS,R0
             BLT     report_frame
             CALL    describe
+            BZ      report_dropped
             CALL    send_navigation
+            B       report_events
+report_dropped:
+            LDI     1,R0                    ; where it found no room, the frame must not take that
+            CALL    navigation_told
             B       report_events
 report_frame:
             CALL    send_navigation
@@ -111,6 +116,7 @@ send_navigation:
             LDI     FRAME_WORDS,R5
             CALL    send
             XOR     1,R0
+navigation_told:
             STI     R0,@is_dropped
             LDI     @frame,R0               ; the sequence counts frames that were dropped too
             ADDI    1,R0
@@ -118,10 +124,11 @@ send_navigation:
             RETS
 
 ; The next description goes to the ring, if there is room: a length, and as many bytes. A length of 0 ends the list.
+; R0, and the flags, are 0 where there was none.
 describe:   LDI     @described,AR4
             LDI     *AR4++,R5
-            CALL    room
-            BLT     describe_end
+            CALL    claim
+            BGT     describe_none
             LDI     @tx_tail,AR2
             LDI     R5,RC
             SUBI    2,RC
@@ -145,14 +152,20 @@ describe_byte: LDI  *AR4++,R0
             LDI     @first_at,AR4
 describe_next:
             STI     AR4,@described
-describe_end: RETS
+            LDI     1,R0
+            RETS
+describe_none:
+            LDI     0,R0
+            RETS
 
-; Whether R5 bytes fit into the ring: the flags compare the room with them.
-room:       LDI     @tx_tail,R0
-            SUBI    @tx_head,R0
-            AND     RING-1,R0
-            SUBRI   @ring_free,R0
-            CMPI    R5,R0
+; R5 more bytes go into the account of what waits for the line (see transmit_account.py), if it admits them: the flags
+; say "greater" where it does not.
+claim:      LDI     R5,R0
+            LSH     FRACTION_BITS,R0
+            ADDI    @waiting,R0
+            CMPI    @most_waiting,R0
+            RETSGT
+            STI     R0,@waiting
             RETS
 
 ; One byte, the low one of R1, to the ring and into the CRC in R7; R6 is 0FFh.
@@ -171,8 +184,8 @@ BYTE        .macro
 SENDER      .macro  name
 :name:      LSH     2,R5                    ; in bytes
             ADDI    8,R5
-            CALL    room
-            BLT     dropped?
+            CALL    claim
+            BGT     dropped?
             LDI     @tx_tail,AR2
             LDI     @crc_at,AR3
             SUBI    8,R5

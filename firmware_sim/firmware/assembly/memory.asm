@@ -32,7 +32,8 @@ align_coarse .usect "onchip",1
 align_end   .usect  "onchip",1
 align_update .usect "onchip",1
 align_variance .usect "onchip",1
-ring_free   .usect  "onchip",1      ; the most bytes that wait
+most_waiting .usect "onchip",1      ; the account of what waits for the line: its limit, and what a tick takes off
+drained     .usect  "onchip",1
 
 ; Cleared by boot.
 sums        .usect  "onchip",12     ; gyro x y z, accelerometer x y z of both halves
@@ -61,6 +62,7 @@ is_dropped  .usect  "onchip",1      ; the frame before found no room
 due_words   .usect  "onchip",1      ; when descriptions are sent: see describe
 credit      .usect  "onchip",1
 waited      .usect  "onchip",1
+waiting     .usect  "onchip",1      ; bytes, as the account counts them
 
 received    .usect  "onchip",1      ; bytes of a command so far
 rx_seen     .usect  "onchip",1      ; the receive ring's end at the last tick

@@ -83,6 +83,12 @@ tick_latch: STI     R0,*AR2++
             LDI     @began,R0
             SUBI    @due,R0
             CALL    whole_ticks
+            LDI     @drained,R2             ; what the line has taken since the last one
+            CMPI    0,R1
+            LDIZ    0,R2                    ; a failing supply calls this service between two ticks
+            SUBRI   @waiting,R2
+            LDILT   0,R2
+            STI     R2,@waiting
             ADDI    @tick,R1
             STI     R1,@tick
             STI     R1,@frame+TICK_WORD
