@@ -111,6 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     record.add_argument("--once", action="store_true", help="stop when the port is gone, instead of waiting for it")
     record.add_argument("--baud", type=baud, default=DEFAULT_BAUD, metavar="N", help="default: %(default)s")
     cli_line.add_segment_options(record)
+    cli_line.add_outlet_options(record)
     record.set_defaults(run=_record)
 
     cli_line.add_to(commands, _say)
@@ -127,7 +128,7 @@ def _record(arguments: argparse.Namespace) -> int:
     segments = Limits(arguments.segment_bytes, arguments.segment_s)
     request = Request(arguments.port, arguments.log, arguments.baud, arguments.duration, arguments.once, segments)
     recorder = Recorder(request, stop.is_set, lambda: progress.show(recorder))
-    with _handling(stop.ask):
+    with _handling(stop.ask), cli_line.outlets(arguments, recorder, progress.note):
         try:
             recorder.run()
         finally:
@@ -166,8 +167,14 @@ class _Progress:
         self._shown = self._is_terminal
         _tell(f"\r{text:<78}" if self._is_terminal else text, end="" if self._is_terminal else "\n")
 
+    def note(self, text: str) -> None:
+        """A line of its own, from any thread."""
+        self.end()
+        _tell(text)
+
     def end(self) -> None:
         if self._shown:
+            self._shown = False
             _tell("")
 
 

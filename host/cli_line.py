@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from host.errors import UsageError
 
 if TYPE_CHECKING:
     from host.commands import Command
+    from host.record import Recorder
 
 
 def add_to(commands: Any, say: Callable[[str], None]) -> None:
@@ -62,6 +64,26 @@ def add_segment_options(parser: argparse.ArgumentParser) -> None:
     text = "go on in FILE.0002, FILE.0003 (before its ending) each time a file holds N bytes"
     limits.add_argument("--segment-bytes", type=count, default=math.inf, metavar="N", help=text)
     limits.add_argument("--segment-s", type=seconds, default=math.inf, metavar="S", help="the same after S seconds")
+
+
+def add_outlet_options(parser: argparse.ArgumentParser) -> None:
+    """Who else hears the line while it is recorded."""
+    text = "give other receivers the line at socket://HOST:PORT, and take their commands; 0: any free port"
+    parser.add_argument("--share", metavar="[HOST:]PORT", help=text)
+
+
+@contextmanager
+def outlets(arguments: argparse.Namespace, recorder: Recorder, tell: Callable[[str], None]) -> Iterator[None]:
+    """Opens what the options ask for and lets it listen to the recorder, until the end of the context.
+
+    What is worth knowing goes to `tell`, from any thread. Raises UsageError where something cannot be opened.
+    """
+    from host.share import Share
+
+    with ExitStack() as stack:
+        if arguments.share is not None:
+            recorder.add_listener(stack.enter_context(Share(arguments.share, recorder.send, tell)))
+        yield
 
 
 def seconds(text: str) -> float:

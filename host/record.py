@@ -80,7 +80,7 @@ class Recorder:
         self._request = request
         self._should_stop = should_stop
         self._progress = progress
-        self._listeners = listeners
+        self._listeners = list(listeners)
         self._orders: queue.SimpleQueue[tuple[Kind, bytes, str]] = queue.SimpleQueue()
         self._clock = Clock()
         self._heard_s = 0.0
@@ -92,6 +92,10 @@ class Recorder:
     @property
     def silent_s(self) -> float:
         return self.elapsed_s - self._heard_s
+
+    def add_listener(self, listener: Listener) -> None:
+        """One more listener, before the recording runs."""
+        self._listeners.append(listener)
 
     def send(self, frame: bytes, text: str) -> None:
         """Sends a frame to the board within the time of a read; the log keeps it as `text` and its bytes.
