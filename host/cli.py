@@ -98,7 +98,7 @@ def _tell(text: str, end: str = "\n") -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from host import cli_files
+    from host import cli_files, cli_live
     from host.link import DEFAULT_BAUD
 
     parser = _Parser(prog="nav-host", description=__doc__.splitlines()[0], allow_abbrev=False)
@@ -114,6 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     cli_line.add_outlet_options(record)
     record.set_defaults(run=_record)
 
+    cli_live.add_to(commands, _tell, _handling)
     cli_line.add_to(commands, _say)
     cli_files.add_to(commands, _say)
     return parser
@@ -193,3 +194,7 @@ def _summary(recorder: Recorder) -> str:
 
 def _is_silent(recorder: Recorder) -> bool:
     return recorder.connected and recorder.silent_s >= _SILENT_S
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from tests.browser import chromium
 
 _RECORDING = "rlg_static_100Hz_1847s.npz"
 _BESIDE_THE_CHECKOUT = Path(__file__).parents[2] / "shared" / "data"
@@ -23,3 +27,10 @@ def recording_path() -> Path:
         if (folder / _RECORDING).is_file():
             return folder / _RECORDING
     pytest.skip(f"{_RECORDING} is neither in FIRMWARE_SIM_DATA nor in {_BESIDE_THE_CHECKOUT}")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A real browser for the tests of a file."""
+    with chromium() as running:
+        yield running

@@ -1,0 +1,82 @@
+"""What the pages of one line share: its tables, its books, and the messages that each new frame makes."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+
+from host.commands import answer_of, is_answer
+from host.live import messages
+from host.live.tables import Tables, batches_of, layout_message
+from host.log import Event
+from host.source import Batch
+from host.stream import Arrival
+
+MAX_EVENTS = 200
+
+
+class Feed:
+    """The ear of the pages at a recorder: frames in from its thread, messages out in the server's.
+
+    `wake` is called in the recorder's thread when there is something to take after nothing was.
+    """
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self.tables = Tables()
+        self.events: deque[Event] = deque(maxlen=MAX_EVENTS)
+        self._wake = wake
+        self._lock = threading.Lock()
+        self._arrivals: list[Arrival] = []
+        self._new_events: list[Event] = []
+
+    def hear(self, time_ns: int, data: bytes, arrivals: Sequence[Arrival]) -> None:
+        """Called by the recorder for each read."""
+        with self._lock:
+            is_first = not self._arrivals
+            self._arrivals.extend(arrivals)
+        if is_first and arrivals:
+            self._wake()
+
+    def notice(self, event: Event) -> None:
+        """Called by the recorder for each event."""
+        with self._lock:
+            self._new_events.append(event)
+        self._wake()
+
+    def take(self) -> list[str | bytes]:
+        """The messages that everything since the last call makes."""
+        with self._lock:
+            arrivals, self._arrivals = self._arrivals, []
+            events, self._new_events = self._new_events, []
+        made: list[str | bytes] = []
+        for batch in batches_of(arrivals):
+            made.extend(self._messages_of(batch))
+        made.extend(_answers(arrivals))
+        for event in events:
+            self.events.append(event)
+            made.append(event_message(event))
+        return made
+
+    def _messages_of(self, batch: Batch) -> Iterator[str | bytes]:
+        known = len(self.tables)
+        table, rows = self.tables.add(batch)
+        if len(self.tables) > known:
+            yield layout_message(table)
+        heard_ns = batch.times_ns[-1]
+        yield messages.table("rows", rows, table=table.number, heardNs=heard_ns)
+
+    def greeting(self) -> list[str | bytes]:
+        """What a new page must know of the past."""
+        return [*map(layout_message, self.tables), *map(event_message, self.events)]
+
+
+def _answers(arrivals: Sequence[Arrival]) -> Iterator[str]:
+    for arrival in arrivals:
+        if is_answer(arrival.layout):
+            answer = answer_of(arrival.layout, arrival.payload)
+            yield messages.text("answer", isDone=answer.is_done, text=answer.text)
+
+
+def event_message(event: Event) -> str:
+    return messages.text("event", timeMs=event.time_ns // 1_000_000, name=event.kind.name.lower(), text=event.text)

@@ -1,0 +1,61 @@
+"""A log, as its pages see it: everything is known, and the page moves through it."""
+
+from __future__ import annotations
+
+from host.errors import UsageError
+from host.live import messages, requests
+from host.live.feed import event_message
+from host.live.tables import Tables, layout_message
+from host.schema import DESCRIPTION_TYPE
+from host.source import Recording, Source
+
+
+class Logbook:
+    """Shows a log, read once from its beginning to its end. Raises UsageError when there is nothing in it to show."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._recording = Recording()
+        self._tables = Tables()
+        for batch in source.batches(self._recording):
+            self._tables.add(batch)
+        if not len(self._tables):
+            raise UsageError(
+                f"{source.path}: expected frames with their description, found no frame type described completely"
+            )
+
+    @property
+    def tables(self) -> Tables:
+        return self._tables
+
+    def greeting(self) -> list[str | bytes]:
+        """The messages that a new page begins with."""
+        hello = messages.text(
+            "hello", mode="log", title=self._source.path.name, log=str(self._source.path), commands=[]
+        )
+        return [hello, *map(layout_message, self._tables), *map(event_message, self._recording.events)]
+
+    def status(self) -> str:
+        """The message that says what the log holds."""
+        recording, stream = self._recording, self._recording.stream
+        described = stream.frames[DESCRIPTION_TYPE]
+        first_ns, last_ns = recording.first_ns, recording.last_ns
+        return messages.text(
+            "status",
+            connected=False,
+            elapsedS=0.0 if first_ns is None or last_ns is None else (last_ns - first_ns) * 1e-9,
+            frames=stream.frames.total() - described,
+            descriptions=described,
+            lost=stream.lost,
+            damaged=stream.decoder.damaged,
+            skipped=stream.decoder.skipped_bytes,
+            bytes=stream.bytes,
+            bytesPerS=0,
+            silentS=0.0,
+            sessions=len(stream.sessions),
+            sessionStarts=[start for table in self._tables for start in table.session_starts],
+        )
+
+    def obey(self, request: requests.Mark | requests.Command) -> None:
+        """Refuses: a log has no board, and is not written to."""
+        raise UsageError("a log is shown: there is no board to send to, and nothing to mark")

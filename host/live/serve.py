@@ -1,0 +1,206 @@
+"""Serves the page: a recorder or a log in its thread, the web server in the main one."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import uvicorn
+
+from host.errors import UsageError
+from host.live.app import Pages, Show, application
+from host.live.feed import Feed
+from host.live.guard import Access, is_loopback, new_token
+from host.live.line import Line
+from host.live.logbook import Logbook
+from host.record import Recorder, Request
+from host.source import Source
+
+DEFAULT_ADDRESS = ("127.0.0.1", 8000)
+# Frames wait so long for others, so that a fast line costs no message for each.
+_GATHER_S = 0.02
+_STATUS_PERIOD_S = 0.25
+_MOST_REQUEST_BYTES = 1 << 16
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where the page is served, and the token that it asks for, if any."""
+
+    host: str
+    port: int
+    token: str | None = None
+
+    @classmethod
+    def of(cls, text: str | None, token: str | None) -> Address:
+        """From HOST:PORT or PORT; an address that others can reach gets a token. Raises UsageError."""
+        host, port = DEFAULT_ADDRESS if text is None else _split(text)
+        if token is None and not is_loopback(host):
+            token = new_token()
+        return cls(host, port, token)
+
+    def bound(self) -> socket.socket:
+        """A socket that listens here. Raises UsageError when it cannot."""
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)[0]
+            listening = socket.socket(family, kind, protocol)
+            try:
+                listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                listening.bind(address)
+                listening.listen(64)
+            except BaseException:
+                listening.close()
+                raise
+        except OSError as error:
+            raise UsageError(f"--http {self.host}:{self.port}: cannot be opened: {error.strerror}") from None
+        return listening
+
+    def url(self, listening: socket.socket) -> str:
+        """What a browser opens."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        query = f"?token={self.token}" if self.token else ""
+        return f"http://{host}:{listening.getsockname()[1]}/{query}"
+
+
+def _split(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]") or DEFAULT_ADDRESS[0]
+    if not (port.isascii() and port.isdigit() and len(port) < 6 and int(port) < 65536):
+        raise UsageError(f"--http: expected HOST:PORT with PORT from 0 to 65535, found {text!r}")
+    return host, int(port)
+
+
+@dataclass(frozen=True)
+class Service:
+    """A show at its address, with what runs beside it; `take` gives the messages since the last call."""
+
+    show: Show
+    listening: socket.socket
+    token: str | None
+    take: Callable[[], list[str | bytes]]
+
+
+class Server:
+    """The web server of one show, in the main thread's event loop.
+
+    `wake` may be called from any thread when there are messages to take, `stop` from a signal or a thread.
+    """
+
+    def __init__(self) -> None:
+        self._pages = Pages()
+        self._uvicorn: uvicorn.Server | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._awake = asyncio.Event()
+        self._stopped = False
+
+    def wake(self) -> None:
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # The loop has ended.
+                self._loop.call_soon_threadsafe(self._awake.set)
+
+    def stop(self) -> None:
+        self._stopped = True
+        if self._uvicorn is not None:
+            self._uvicorn.should_exit = True
+
+    def run(self, service: Service) -> None:
+        """Serves until somebody stops it."""
+        asyncio.run(self._serve(service))
+
+    async def _serve(self, service: Service) -> None:
+        self._loop = asyncio.get_running_loop()
+        config = uvicorn.Config(
+            application(service.show, self._pages, Access(service.token)),
+            log_level="error",
+            access_log=False,
+            lifespan="off",
+            ws="websockets-sansio",
+            ws_max_size=_MOST_REQUEST_BYTES,
+            timeout_graceful_shutdown=1,
+        )
+        self._uvicorn = _Uvicorn(config)
+        self._uvicorn.should_exit = self._stopped
+        tasks = [asyncio.create_task(task) for task in (self._tell(service), self._tell_status(service.show))]
+        try:
+            await self._uvicorn.serve([service.listening])
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _tell(self, service: Service) -> None:
+        while True:
+            await self._awake.wait()
+            await asyncio.sleep(_GATHER_S)
+            self._awake.clear()
+            for message in service.take():
+                self._pages.tell(message)
+
+    async def _tell_status(self, show: Show) -> None:
+        while True:
+            self._pages.tell(show.status())
+            await asyncio.sleep(_STATUS_PERIOD_S)
+
+
+class _Uvicorn(uvicorn.Server):
+    """The command line has the signals."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+def serve_line(
+    request: Request,
+    address: Address,
+    server: Server,
+    say: Callable[[str], None],
+    outlets: Callable[[Recorder], contextlib.AbstractContextManager[None]],
+) -> Recorder:
+    """Records a line and serves its page until the server or the recording ends; gives the recorder.
+
+    `outlets` opens what else listens to the recorder.
+
+    Raises UsageError as Recorder.run does, and when the address cannot be opened.
+    """
+    stopping = threading.Event()
+    feed = Feed(server.wake)
+    recorder = Recorder(request, stopping.is_set, lambda: None, [feed])
+    line = Line(request, recorder, feed)
+    failures: list[BaseException] = []
+
+    def record() -> None:
+        try:
+            recorder.run()
+        except BaseException as error:
+            failures.append(error)
+        finally:
+            server.stop()
+
+    with contextlib.closing(address.bound()) as listening, outlets(recorder):
+        thread = threading.Thread(target=record, name="recorder")
+        thread.start()
+        try:
+            say(f"{request.port}: recorded to {request.log}, shown at {address.url(listening)}")
+            server.run(Service(line, listening, address.token, feed.take))
+        finally:
+            stopping.set()
+            thread.join()
+    if failures:
+        raise failures[0]
+    return recorder
+
+
+def serve_log(source: Source, address: Address, server: Server, say: Callable[[str], None]) -> None:
+    """Serves the page of a log until the server is stopped.
+
+    Raises UsageError when the log holds nothing to show, and when the address cannot be opened.
+    """
+    with contextlib.closing(address.bound()) as listening:
+        logbook = Logbook(source)
+        say(f"{source.path}: shown at {address.url(listening)}")
+        server.run(Service(logbook, listening, address.token, list))

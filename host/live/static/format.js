@@ -1,0 +1,33 @@
+// Numbers as people read them.
+
+const DECIMALS = {deg: 3, "m/s": 3, m: 2, s: 2, "deg/s": 4, cycles: 0, Hz: 2};
+const POSITION_DECIMALS = 7;
+
+export function number(value, unit = "", name = "") {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  if (name === "heading") value = wrapped(value, 0);
+  if (name === "longitude") value = wrapped(value, -180);
+  if (name === "latitude" || name === "longitude") return value.toFixed(POSITION_DECIMALS);
+  if (name.includes("_sum_")) return value.toExponential(4);
+  if (unit in DECIMALS && DECIMALS[unit]) return value.toFixed(DECIMALS[unit]);
+  return Number.isInteger(value) ? grouped(value) : String(Number(value.toPrecision(6)));
+}
+
+// An angle in [least, least + 360).
+export function wrapped(value, least) {
+  return value - 360 * Math.floor((value - least) / 360);
+}
+
+export function grouped(value) {
+  return value.toLocaleString("en-GB");
+}
+
+export function bytes(count) {
+  return count < 1e4 ? `${count} B` : count < 1e7 ? `${(count / 1e3).toFixed(1)} kB` : `${(count / 1e6).toFixed(1)} MB`;
+}
+
+export function duration(seconds) {
+  if (seconds < 60) return `${seconds.toFixed(1)} s`;
+  const whole = Math.floor(seconds), two = value => String(value).padStart(2, "0");
+  return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)} h`;
+}

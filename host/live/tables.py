@@ -1,0 +1,145 @@
+"""The tables that a page draws: one for each layout of frames, with its curves' history."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from host.curves import Columns, Plan, described_plan, is_navigation, navigation_plans, time_field
+from host.live import messages
+from host.live.history import History
+from host.schema import Field, Kind, Layout
+from host.source import Batch
+from host.stream import Arrival
+
+Floats = NDArray[np.float64]
+
+
+class Table:
+    """Frames of one layout as rows of numbers: board time first, then its fields, then a lane for each word."""
+
+    def __init__(self, number: int, layout: Layout) -> None:
+        self.number = number
+        self.layout = layout
+        self.names = (Columns.TIME, *(field.name for field in layout.fields), *_lanes(layout))
+        self.first_s: float | None = None
+        self.last_s: float | None = None
+        self._columns = Columns()
+        self._history = History(len(self.names))
+
+    @property
+    def session_starts(self) -> list[float]:
+        """Board times at which the board or the recording started again."""
+        return self._columns.session_starts
+
+    @property
+    def titles(self) -> list[str]:
+        """The names of the columns with their units."""
+        fields = self.layout.by_name
+        own = [fields[name].title if name in fields else name for name in self.names[1:]]
+        return [self._columns.time_title, *own]
+
+    def add(self, batch: Batch) -> Floats:
+        """Takes frames that follow; gives their rows (names x frames)."""
+        columns = self._columns.of(batch)
+        rows = np.stack([columns[name] for name in self.names])
+        self._history.add(rows)
+        self.first_s = float(rows[0, 0]) if self.first_s is None else self.first_s
+        self.last_s = float(rows[0, -1])
+        return rows
+
+    def window(self, start_s: float, stop_s: float, points: int) -> Floats:
+        """The curves between two board times in about so many points: each stretch by its least and greatest values."""
+        return self._history.window(start_s, stop_s, points)
+
+    def described(self) -> dict[str, Any]:
+        """What a page must know to draw this table, for JSON."""
+        layout = self.layout
+        return {
+            "table": self.number,
+            "type": layout.type,
+            "name": layout.name,
+            "names": self.names,
+            "isNavigation": is_navigation(layout),
+            "time": _name_of(time_field(layout)),
+            "timeTitle": self._columns.time_title,
+            "first": self.first_s,
+            "last": self.last_s,
+            "fields": {field.name: _field(field) for field in layout.fields},
+            "plans": [_plan(plan) for plan in plans_of(layout)],
+        }
+
+
+class Tables:
+    """Every table of a line, in the order in which their layouts came."""
+
+    def __init__(self) -> None:
+        self._tables: dict[Layout, Table] = {}
+
+    def __iter__(self) -> Iterator[Table]:
+        return iter(self._tables.values())
+
+    def __len__(self) -> int:
+        return len(self._tables)
+
+    def numbered(self, number: int) -> Table | None:
+        return next((table for table in self if table.number == number), None)
+
+    def add(self, batch: Batch) -> tuple[Table, Floats]:
+        """The table that the frames belong to, and their rows in it."""
+        table = self._tables.get(batch.layout)
+        if table is None:
+            table = self._tables[batch.layout] = Table(len(self._tables), batch.layout)
+        return table, table.add(batch)
+
+
+def batches_of(arrivals: Sequence[Arrival]) -> Iterator[Batch]:
+    """Frames in the order of their arrival, as batches of one layout and one session."""
+    by_layout: dict[int, list[Arrival]] = {}
+    for arrival in arrivals:
+        by_layout.setdefault(id(arrival.layout), []).append(arrival)
+    for same in by_layout.values():
+        for session, group in groupby(same, key=lambda arrival: arrival.session):
+            yield Batch(same[0].layout, session, list(group))
+
+
+def plans_of(layout: Layout) -> list[Plan]:
+    """The figures of a frame, with a lane for each word that it could say."""
+    words = {field.name: field.lane_names() for field in layout.fields if field.kind is not Kind.QUANTITY}
+    if is_navigation(layout):
+        return list(navigation_plans(layout, words, None))
+    return [described_plan(layout, layout.name, words)]
+
+
+def _lanes(layout: Layout) -> Iterable[str]:
+    return (name for plan in plans_of(layout) for panel in plan.panels if panel.lanes for name in panel.columns)
+
+
+def _plan(plan: Plan) -> dict[str, Any]:
+    panels = [
+        {"title": panel.title, "columns": panel.columns, "lanes": panel.lanes, "limit": panel.limit}
+        for panel in plan.panels
+    ]
+    return {"name": plan.name, "title": plan.title, "panels": panels}
+
+
+def _field(field: Field) -> dict[str, Any]:
+    return {
+        "unit": field.unit,
+        "meaning": field.meaning,
+        "kind": field.kind.name.lower(),
+        "words": field.lane_names(),
+        "scale": field.scale,
+    }
+
+
+def _name_of(field: Field | None) -> str | None:
+    return None if field is None else field.name
+
+
+def layout_message(table: Table) -> str:
+    return messages.text("layout", **table.described())

@@ -1,0 +1,232 @@
+"""The operator's page in a real browser, before a running virtual board, and before its log."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from host.source import Recording, open_source
+from tests.browser import (
+    NAVIGATION,
+    PATIENCE_S,
+    PHONE,
+    READ_NUMBERS,
+    SHOWN,
+    as_shown,
+    page_of,
+    process,
+    rows_of,
+    served,
+    until,
+    wait_until,
+)
+
+
+@contextmanager
+def board(line: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """A virtual board in real time whose line has its link."""
+    arguments = ("-m", "firmware_sim.cli", "run", "sway", "--duration", "600", "--pty", line, "--rt", "1", *options)
+    with process(*arguments) as running:
+        wait_until(line.is_symlink)
+        yield running
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory, browser: Any) -> Iterator[tuple[str, Path]]:
+    """The page of a board that runs through all tests of this file, and the log."""
+    folder = tmp_path_factory.mktemp("live")
+    log = folder / "flight.log"
+    with board(folder / "line", "--engine", "c3x"), served(folder / "line", "--log", log) as (url, _):
+        yield url, log
+
+
+def wait_for_rows(page: Any, count: int) -> None:
+    until(page, f"({NAVIGATION})?.value('sequence') >= {count}")
+
+
+def sequence(page: Any) -> int:
+    return int(page.evaluate(f"({NAVIGATION}).value('sequence')"))
+
+
+def test_curves_move_and_numbers_are_those_of_the_log(browser: Any, live: tuple[str, Path]) -> None:
+    url, log = live
+    with page_of(browser, url) as page:
+        wait_for_rows(page, 50)
+        assert page.inner_text("#state") == "live"
+        assert page.inner_text("#mode") == "navigate"
+        pitch = page.locator('figure[data-panel="navigation/attitude/pitch [deg]"] canvas')
+        before, picture = sequence(page), pitch.evaluate("canvas => canvas.toDataURL()")
+        wait_for_rows(page, before + 25)
+        assert pitch.evaluate("canvas => canvas.toDataURL()") != picture
+        until(page, f"({READ_NUMBERS})(['sequence']).sequence !== '–'")
+        shown = page.evaluate(READ_NUMBERS, SHOWN)
+    number = int(shown["sequence"].replace(",", ""))
+    wait_until(lambda: number in rows_of(log))
+    assert shown == {name: as_shown(name, rows_of(log)[number][name]) for name in SHOWN}
+
+
+def test_two_browsers_see_the_same(browser: Any, live: tuple[str, Path]) -> None:
+    url, _ = live
+    by_number = "table => Object.fromEntries(table.column('sequence').map((number, row) => [number, table.row(row)]))"
+    by_number = f"({by_number})({NAVIGATION})"
+    with page_of(browser, url) as first, page_of(browser, url) as second:
+        wait_for_rows(first, 50)
+        wait_for_rows(second, sequence(first) + 20)
+        one, other = first.evaluate(by_number), second.evaluate(by_number)
+    common = one.keys() & other.keys()
+    assert len(common) > 20
+    assert all(one[number] == other[number] for number in common)
+
+
+def test_a_page_that_reconnects_fills_its_gap(browser: Any, live: tuple[str, Path]) -> None:
+    url, _ = live
+    with page_of(browser, url) as page:
+        wait_for_rows(page, 50)
+        page.evaluate("navHost.link.socket.close()")
+        until(page, "!navHost.link.isOpen")
+        until(page, "navHost.link.isOpen")
+        wait_for_rows(page, sequence(page) + 60)
+        numbers = page.evaluate(f"({NAVIGATION}).column('sequence')")
+    assert len(numbers) > 60
+    assert numbers == list(range(int(numbers[0]), int(numbers[-1]) + 1))
+
+
+def test_pause_zoom_and_the_way_back(browser: Any, live: tuple[str, Path]) -> None:
+    url, _ = live
+    visible = f"navHost.view.range({NAVIGATION})"
+    with page_of(browser, url) as page:
+        wait_for_rows(page, 150)
+        page.click("#pause")
+        frozen = page.evaluate(visible)
+        wait_for_rows(page, sequence(page) + 20)
+        assert page.evaluate(visible) == frozen
+        box = page.locator('figure[data-panel="navigation/attitude/roll [deg]"] .u-over').bounding_box()
+        page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 50)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 60, steps=4)
+        page.mouse.up()
+        start, stop = page.evaluate(visible)
+        # A pixel of a chart some hundred pixels wide.
+        assert stop - start == pytest.approx(0.5 * (frozen[1] - frozen[0]), rel=0.02)
+        page.mouse.dblclick(box["x"] + 0.5 * box["width"], box["y"] + 60)
+        assert page.inner_text("#pause") == "Pause"
+        assert page.evaluate(visible)[1] > frozen[1]
+
+
+def test_the_export_holds_what_is_seen(browser: Any, live: tuple[str, Path]) -> None:
+    url, log = live
+    with page_of(browser, url, accept_downloads=True) as page:
+        wait_for_rows(page, 100)
+        page.click("#pause")
+        start, stop = page.evaluate(f"navHost.view.range({NAVIGATION})")
+        with page.expect_download() as download:
+            page.click("#export")
+        text = Path(download.value.path()).read_text()
+    table = list(csv.DictReader(io.StringIO(text)))
+    known = rows_of(log)
+    assert [float(row["valid_time [s]"]) for row in table] == [
+        row["valid_time"] for row in known.values() if start <= row["valid_time"] <= stop
+    ]
+    for row in table:
+        assert float(row["pitch [deg]"]) == known[int(float(row["sequence"]))]["pitch"]
+
+
+def test_a_mark_is_seen_by_all_and_kept(browser: Any, live: tuple[str, Path]) -> None:
+    url, log = live
+    with page_of(browser, url) as first, page_of(browser, url) as second:
+        wait_for_rows(first, 50)
+        wait_for_rows(second, 50)
+        first.fill("#remark", "abeam <the> lighthouse")
+        first.click("#marking button")
+        until(second, "navHost.marks.at(-1)?.text === 'abeam <the> lighthouse'")
+        assert "mark abeam <the> lighthouse" in second.inner_text("#events")
+    recording = Recording()
+    list(open_source(log).batches(recording))
+    assert "abeam <the> lighthouse" in [event.text for event in recording.events]
+
+
+def test_a_phone_needs_no_sideways_scrolling(browser: Any, live: tuple[str, Path]) -> None:
+    url, _ = live
+    with page_of(browser, url, PHONE, color_scheme="dark", has_touch=True) as page:
+        wait_for_rows(page, 50)
+        assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+        assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+
+
+def test_nothing_comes_from_elsewhere(browser: Any, live: tuple[str, Path]) -> None:
+    url, _ = live
+    with page_of(browser, "about:blank") as page:
+        asked: list[str] = []
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto(url)
+        wait_for_rows(page, 10)
+    assert len(asked) > 8
+    assert all(address.startswith(url) for address in asked)
+
+
+def test_a_board_that_is_gone_is_shown_as_gone(browser: Any, tmp_path: Path) -> None:
+    line = tmp_path / "line"
+    with (
+        board(line, "--engine", "c3x") as running,
+        served(line, "--log", tmp_path / "a.log") as (url, _),
+        page_of(browser, url) as page,
+    ):
+        wait_for_rows(page, 50)
+        running.terminate()
+        running.wait(PATIENCE_S)
+        until(page, "document.getElementById('state').textContent === 'port away'")
+        assert page.locator("#events").inner_text().count("lost") == 1
+
+
+def test_a_silent_board_is_shown_as_stopped_within_a_second(browser: Any, tmp_path: Path) -> None:
+    """A second of the page's clock, which the test sets: what passes on this machine meanwhile does not count."""
+    line = tmp_path / "line"
+    with (
+        board(line, "--engine", "c3x") as running,
+        served(line, "--log", tmp_path / "a.log") as (url, _),
+        page_of(browser, "about:blank") as page,
+    ):
+        page.clock.install()
+        page.goto(url)
+        wait_for_rows(page, 50)
+        os.kill(running.pid, signal.SIGSTOP)
+        try:
+            last = -1
+            while last != (last := sequence(page)):
+                page.wait_for_timeout(300)
+            page.clock.run_for(900)
+            text = page.inner_text("#state")
+        finally:
+            os.kill(running.pid, signal.SIGCONT)
+        assert text.startswith("stopped: no frame for")
+        until(page, "document.getElementById('state').textContent === 'live'")
+
+
+def test_commands_are_acknowledged_and_logged(browser: Any, tmp_path: Path) -> None:
+    line, log = tmp_path / "line", tmp_path / "a.log"
+    with board(line, "--engine", "iss"), served(line, "--log", log) as (url, _), page_of(browser, url) as page:
+        wait_for_rows(page, 20)
+        page.click('#commands details:has(form[data-command="mode"]) summary')
+        page.select_option('form[data-command="mode"] select', "standby")
+        page.click('form[data-command="mode"] button')
+        until(page, "document.getElementById('notice').textContent === 'mode: done'")
+        until(page, "document.getElementById('mode').textContent === 'standby'")
+        page.click('#commands details:has(form[data-command="start"]) summary')
+        page.fill('form[data-command="start"] [name=latitude]', "95")
+        page.fill('form[data-command="start"] [name=longitude]', "37.6")
+        page.click('form[data-command="start"] button')
+        refused = "document.getElementById('notice').textContent.includes('expected a number from -90 to 90 deg')"
+        until(page, refused)
+    recording = Recording()
+    list(open_source(log).batches(recording))
+    sent = [event.text for event in recording.events if event.kind.name == "COMMAND"]
+    assert [text.split(";")[0] for text in sent] == ["mode standby"]
