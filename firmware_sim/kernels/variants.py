@@ -7,6 +7,7 @@ built: the machine code has no branch for it, and no equation is written twice.
 
 from __future__ import annotations
 
+import re
 import types
 from collections.abc import Mapping, Sequence
 
@@ -28,7 +29,7 @@ def _variant(kernel: Kernel, meanings: Mapping[str, Kernel | float], made: dict[
     made[kernel] = kernel  # recursion is for the front end to refuse
     function = kernel.function
     changed: dict[str, object] = {}
-    for name in function.__code__.co_names:
+    for name in (*function.__code__.co_names, *_annotation_names(function)):
         before = function.__globals__.get(name)
         after = meanings.get(name, before)
         if isinstance(after, Kernel):
@@ -36,5 +37,12 @@ def _variant(kernel: Kernel, meanings: Mapping[str, Kernel | float], made: dict[
         if after != before:
             changed[name] = after
     if changed:
-        made[kernel] = Kernel(types.FunctionType(function.__code__, {**function.__globals__, **changed}))
+        other = types.FunctionType(function.__code__, {**function.__globals__, **changed})
+        other.__annotations__ = function.__annotations__
+        made[kernel] = Kernel(other)
     return made[kernel]
+
+
+def _annotation_names(function: types.FunctionType) -> list[str]:
+    """The names in the annotations, sizes of arrays among them, where these are text."""
+    return [name for text in function.__annotations__.values() for name in re.findall(r"[A-Za-z_]\w*", str(text))]

@@ -39,7 +39,7 @@ _RECIPROCAL_0, _RECIPROCAL_1, _RECIPROCAL_2 = 210.0 / 99.0, -144.0 / 99.0, 32.0 
 
 # The best cubic for m^(-1/2) on [1, 4), by Remez's algorithm on the relative error: 7.04e-3.
 # Newton makes 3/2 of the square of it: 7.4e-5, 8.3e-9, 1e-16.
-_ROOT_0, _ROOT_1, _ROOT_2, _ROOT_3 = 1.556187102, -0.738863007, 0.1946857036, -0.01905041395
+ROOT_0, ROOT_1, ROOT_2, ROOT_3 = 1.556187102, -0.738863007, 0.1946857036, -0.01905041395
 
 
 @kernel
@@ -62,7 +62,7 @@ def reciprocal(x: float) -> float:
 def _reciprocal_root_seed(m: float) -> float:
     """1/sqrt(m) for 1 <= m < 4, within 1e-8 (or a unit and a half of a single): one Newton step is left to do."""
     half_m = 0.5 * m
-    y = _ROOT_0 + m * (_ROOT_1 + m * (_ROOT_2 + m * _ROOT_3))
+    y = ROOT_0 + m * (ROOT_1 + m * (ROOT_2 + m * ROOT_3))
     y = y + y * (0.5 - half_m * y * y)
     return y + y * (0.5 - half_m * y * y)
 

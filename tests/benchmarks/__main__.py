@@ -27,6 +27,7 @@ from firmware_sim.plant.scenario import load_scenario
 from host.frames import Decoder
 from tests.benchmarks.interpreter_loops import GOALS, instructions_per_s
 from tests.benchmarks.solver_loop import SAMPLES, fly_a_second
+from tests.firmware.fft_routine import Routine, kernel_cycles
 
 REPEATS = 5
 RECORDING = Path(os.environ.get("FIRMWARE_SIM_DATA", "../shared/data")) / "rlg_static_100Hz_1847s.npz"
@@ -50,6 +51,7 @@ def main() -> None:
     warm_start()
     decoder()
     interpreter()
+    transform()
     memory()
     truth()
     arithmetic()
@@ -130,6 +132,14 @@ def interpreter() -> None:
     for name, goal in GOALS.items():
         plain, stalled = (instructions_per_s(name, has_pipeline=on) / 1e6 for on in (False, True))
         show(f"iss: {name} loop", f"{plain:.0f} M/s, pipeline {stalled:.0f}", f"{goal} M instructions/s")
+
+
+def transform() -> None:
+    """Cycles of a spectrum: the compiled kernel, and by hand."""
+    for points in (256, 512):
+        kernel, assembly = kernel_cycles(points), Routine(points)(np.arange(points), 0)[2]
+        found = f"{assembly} of {kernel}, {assembly / kernel:.3f}"
+        show(f"spectrum of {points}: cycles of assembly and kernel", found, "less than 1")
 
 
 def memory() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from firmware_sim.kernels.language import kernel
+import numpy as np
+
+from firmware_sim.kernels.language import Real, kernel
 from firmware_sim.kernels.lower_c3x import compile_kernels
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, build
 from firmware_sim.kernels.target import build_target
@@ -19,6 +21,22 @@ def scaled(x: float) -> float:
 @kernel
 def squared(x: float) -> float:
     return x * x
+
+
+COUNT = 3
+
+
+@kernel
+def total(values: Real[COUNT]) -> float:
+    return sum_of(values)
+
+
+@kernel
+def sum_of(values: Real[COUNT]) -> float:
+    found = 0.0
+    for i in range(COUNT):
+        found = found + values[i]
+    return found
 
 
 @kernel
@@ -49,6 +67,14 @@ def test_a_number_and_a_kernel_change_their_meaning_on_all_machines() -> None:
         found = [machine.decode(build([root], machine).other(machine.encode(4.0))) for root in (other, five, square)]
         assert found == [17.0, 25.0, 21.0]
     assert C3X.decode(build_target([five]).other(C3X.encode(4.0))) == 25.0
+
+
+def test_sizes_of_arrays_change_too() -> None:
+    (five,) = variants([total], {"COUNT": 5})
+    (six,) = variants([five], {"COUNT": 6})
+    for root, count in ((total, 3), (five, 5), (six, 6)):
+        assert build([root], DOUBLE).total(np.ones(count)) == count
+        assert root.typed.parameters[0][1].shape == (count,)
 
 
 def test_what_no_name_reaches_is_the_same_kernel() -> None:

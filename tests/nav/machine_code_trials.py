@@ -14,11 +14,11 @@ from firmware_sim.c3x.cpu import Cpu
 from firmware_sim.c3x.machine import Reason
 from firmware_sim.kernels.expressions import ArrayType, Scalar
 from firmware_sim.kernels.language import Kernel
-from firmware_sim.kernels.lower_c3x import ON_CHIP, compile_kernels
+from firmware_sim.kernels.lower_c3x import FAR, ON_CHIP, compile_kernels
 from firmware_sim.toolchain.assembler import assemble
 
 _CODE_AT, _CONSTANTS_AT, _DRIVER_AT = 0x1000, 0x3000, 0x0200
-_TABLES_AT, _TABLES_END = 0x4000, 0x20000
+_TABLES_AT, _TABLES_END = 0x4000, FAR
 _STACK = 0x0800
 _LEFT, _ARRAYS = 0x87FFF0, 0x87FFF1
 _MASK = 0xFFFFFFFF
@@ -43,6 +43,8 @@ class Trials:
         self.scalars = [kind for kind in self.parameters if isinstance(kind, Scalar)]
         self.sizes = [int(np.prod(kind.shape)) for kind in self.arrays]
         code = compile_kernels([kernel])
+        # One behind the other, all on chip or all outside.
+        self._arrays_at = min((address for (root, _), address in code.arrays.items()), default=ON_CHIP)
         source = code.source + DRIVER + "\n".join(self._driver(code.labels[self.kernel.name])) + "\n"
         sections = {"kernels": _CODE_AT, "constants": _CONSTANTS_AT, "driver": _DRIVER_AT}
         self.image = assemble(source, name="trials", addresses=sections)
@@ -96,7 +98,7 @@ class Trials:
         results = self._words(results_at, len(rows) * self._result_words)
         results[:] = 0
         self._words(_TABLES_AT, rows.size)[:] = rows.ravel()
-        cpu.memory[_LEFT], cpu.memory[_ARRAYS] = len(rows), ON_CHIP
+        cpu.memory[_LEFT], cpu.memory[_ARRAYS] = len(rows), self._arrays_at
         cpu.reg["DP"], cpu.reg["SP"] = ON_CHIP >> 16, _STACK
         cpu.reg["AR6"], cpu.reg["AR7"] = _TABLES_AT, results_at
         cpu.pc = self.image.symbols["driver"].value
