@@ -242,6 +242,7 @@ class NativeRun(BoardRun):
             adc={"samples": int(state["samples"]), "lost": int(state["lost"])},
             line={"sent": ledger.sent, "read": ledger.read, "held": ledger.held, "dropped": ledger.dropped},
             frames={"dropped": self.processor.dropped_frames},
+            resets=0,
             errors_vs_truth=self.vs_truth.as_dict(),
             errors_vs_double=self.vs_double.as_dict(),
         )

@@ -144,6 +144,8 @@ class Report(dict[str, Any]):
         rows.append("A/D: {samples} samples, {lost} lost".format(**self["adc"]))
         if self["frames"] and self["frames"]["dropped"]:
             rows.append(f"frames: {self['frames']['dropped']} dropped, the line is too slow for them")
+        if self["resets"]:
+            rows.append(f"resets: {self['resets']} by the watchdog, which nothing fed for 100 ms")
         rows.append("line: {sent} bytes sent = {read} read + {held} held + {dropped} dropped".format(**self["line"]))
         return "\n".join(rows)
 

@@ -19,7 +19,7 @@ def report(**changes):
     document = Report(
         engine="c3x", scenario="sway", seed=3, duration_s=10.0, wall_s=0.1, real_time_factor=100.0, nav_cycles=500,
         tick_cycles=500_000, budget_cycles=500_000, overruns=0, first_overrun=None, exceeded=None,
-        timing_is="measured", frames={"dropped": 0},
+        timing_is="measured", frames={"dropped": 0}, resets=0,
         timing={"nav": times, "adc": times, "uart": times}, adc={"samples": 10_000, "lost": 0},
         line={"sent": 9, "read": 5, "held": 3, "dropped": 1},
         errors_vs_truth={name: {"end": 1.5, "max": 2.5} for name in ERROR_NAMES},
@@ -58,6 +58,11 @@ def test_the_attitude_error_has_no_singularity_at_the_vertical():
     assert arcmin < 1e-6
     (_, _, arcmin) = differences(state(attitude=(up, 0.0, 0.001)), state(attitude=(up, 0.0, 0.0)))[0]
     assert arcmin == pytest.approx(np.degrees(0.001) * 60, rel=1e-6)
+
+
+def test_the_table_tells_of_resets():
+    assert "resets" not in report().table()
+    assert "resets: 2 by the watchdog" in report(resets=2).table()
 
 
 def test_a_report_to_a_device_or_through_a_link_leaves_both_in_place(tmp_path):

@@ -15,6 +15,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from firmware_sim.board import watchdog
 from firmware_sim.board.clock import Oscillator, cycles_of, exact
 from firmware_sim.errors import UsageError
 from firmware_sim.toml_file import in_words, read_toml
@@ -25,6 +26,10 @@ MIN_TICK_CYCLES = 20_000
 
 MIN_SAMPLE_CYCLES = 200
 """Between samples; closer ones would leave the services behind theirs no bounded time (transmit_account.py)."""
+
+LONGEST_UNFED_S = 0.09
+"""The firmware feeds the watchdog behind ticks, and behind samples where ticks are longer: this leaves a tenth of its
+100 ms to the services."""
 
 _MAX_BAUD_ERROR = Fraction(2, 100)
 _WORD_MAX = 2**31
@@ -224,6 +229,7 @@ class BoardSheet:
             _check_clock,
             _check_tick,
             _check_samples,
+            _check_watchdog,
             _check_baud,
             _check_alignment,
             _check_budget,
@@ -242,6 +248,11 @@ class BoardSheet:
     def timer_period(self) -> int:
         """Period register of TIMER0 for the tick, in pulse mode (counts of H1/2)."""
         return round(exact(self.tick.period_s) * self.h1_hz / 2)
+
+    @property
+    def is_watched_in_background(self) -> bool:
+        """Whether ticks come too seldom to feed the watchdog, with one that is missed."""
+        return 2 * self.tick.period_s > LONGEST_UNFED_S
 
     @property
     def tick_cycles(self) -> int:
@@ -408,6 +419,16 @@ def _check_samples(sheet: BoardSheet) -> str:
         return (
             f"[adc] bits: expected a full-scale sum over one tick and one sample of at most 2^31 counts,"
             f" found {full_scale_sum} ({samples + 1} samples of {sheet.adc.bits} bits)"
+        )
+    return ""
+
+
+def _check_watchdog(sheet: BoardSheet) -> str:
+    unfed_s = min(sheet.tick.period_s, float(1 / sheet.true_rate_hz))
+    if unfed_s > LONGEST_UNFED_S:
+        return (
+            f"[adc] rate_hz: expected a sample every {LONGEST_UNFED_S:g} s with so long a tick"
+            f" ({sheet.tick.period_s:g} s), for the watchdog of {watchdog.PERIOD_S:g} s, found {sheet.adc.rate_hz:g} Hz"
         )
     return ""
 

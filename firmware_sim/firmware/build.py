@@ -53,6 +53,8 @@ _VECTOR_PAGE: Final = 1
 # tick's counter, as boot.asm stands: the first tick comes 20 ms behind reset (tests/firmware/test_firmware.py).
 _FROM_RESET: Final = 4
 _FROM_RESET_TO_TICK: Final = 5
+# Counts of the stopwatch by which a tick must be late before the background starves the watchdog.
+_OVERDUE: Final = 10_000
 _SECTIONS: Final = {
     "reset": 0x0000,
     "vectors": _VECTOR_PAGE << 8,
@@ -236,6 +238,8 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
         "DIVISOR": sheet.uart_divisor,
         "FIRST_PART": first_part,
         "SAFE_COUNT": first_part + (2**30 >> (sheet.adc.bits - 1)) - 1,
+        "WATCHES": int(sheet.is_watched_in_background),
+        "OVERDUE": _OVERDUE,
         "ALIGNS": int(plan is not None),
         "ALIGN_HALF": plan.half if plan else 0,
         "ALIGN_COARSE": plan.coarse if plan else 0,

@@ -79,6 +79,11 @@ REFUSED = [
         "[adc] rate_hz: expected at most 5000 Hz, 200 cycles from sample to sample",
         "6000",
     ),
+    (
+        "[tick]\nperiod_s = 1.0\n[adc]\nrate_hz = 10",
+        "[adc] rate_hz: expected a sample every 0.09 s with so long a tick (1 s), for the watchdog of 0.1 s",
+        "10 Hz",
+    ),
     ("[adc]\nbits = 30", "[adc] bits: expected a full-scale sum over one tick and one sample", "21 samples of 30 bits"),
     ("[adc]\nconversion_s = 0.002", "[adc] conversion_s: expected less than the sample period (0.001 s)", "0.002"),
     ("[processor]\nclkin_hz = 50000001", "[processor] clkin_hz: expected an even number", "50000001"),

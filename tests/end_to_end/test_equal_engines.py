@@ -126,6 +126,17 @@ def test_a_line_too_slow_drops_the_same_frames(
     assert dropped[0] == dropped[1] > 0
 
 
+def test_ticks_longer_than_the_watchdog_are_the_same(tmp_path: Path) -> None:
+    sheet = BoardSheet(tick=TickSheet(0.2), adc=AdcSheet(rate_hz=100.0))
+    frames = []
+    for engine in ("c3x", "iss"):
+        report, sent = sent_by(engine, Flight(load_scenario("sway"), sheet, engine, 8.0), tmp_path / engine)
+        frames.append(without_the_measured_field(sheet, sent))
+        assert report["resets"] == 0
+    assert len(frames[0]) == 80
+    assert frames[0] == frames[1]
+
+
 def test_a_recorded_unit_is_the_same_on_both(tmp_path: Path) -> None:
     scenario = aligned(tmp_path, EXCERPT, 0.0)
     frames = [

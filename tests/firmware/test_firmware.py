@@ -10,7 +10,7 @@ import pytest
 
 from firmware_sim.board.adc import MISSING, SATURATED
 from firmware_sim.board.interrupts import INT0, INT1, INT2, INT3, TINT0
-from firmware_sim.board.sheet import AdcSheet, BoardSheet, UartSheet
+from firmware_sim.board.sheet import AdcSheet, BoardSheet, TickSheet, UartSheet
 from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.build import build_firmware, map_of
 from tests.firmware.conftest import Target, random_samples
@@ -171,6 +171,41 @@ def test_the_watchdog_bites_when_the_ticks_stop_and_the_next_frame_says_so(targe
     flags = [record["flags"] for record in target.records()]
     assert [bool(flag & telemetry.WATCHDOG_HAS_BITTEN) for flag in flags] == [True, False]
     assert [record["sequence"] for record in target.records()] == [0, 1]
+
+
+LONG_TICKS = BoardSheet(tick=TickSheet(0.2), adc=AdcSheet(rate_hz=100.0, bits=24))
+
+
+def test_ticks_longer_than_the_watchdog_run_without_a_reset() -> None:
+    target = Target(LONG_TICKS)
+    target.board.load_samples(random_samples(600))
+    target.fly(20)
+    assert target.processor.resets == 0
+    assert [record["sequence"] for record in target.records()] == list(range(20))
+
+
+def test_with_long_ticks_the_watchdog_bites_when_they_stop() -> None:
+    target = Target(LONG_TICKS)
+    target.board.load_samples(random_samples(600))
+    target.fly(3)
+    stopped = target.board.now
+    target.processor.cpu.reg["IE"] &= ~(1 << TINT0)
+    while target.processor.resets == 0:
+        target.board.run(target.processor, target.board.now + 100_000)
+    # The fourth tick is overdue at once; a sample before it was the last to feed.
+    assert stopped + 2_000_000 < target.board.now < stopped + 2_700_000 + 100_000
+
+
+@pytest.mark.parametrize("sheet", [BoardSheet(), LONG_TICKS], ids=["20 ms", "200 ms"])
+def test_the_watchdog_bites_when_the_solver_hangs(sheet: BoardSheet) -> None:
+    target = Target(sheet)
+    target.board.load_samples(random_samples(4000))
+    target.fly(3)
+    place = target.firmware.address("tick_report")
+    target.processor.cpu.memory[place] = 0x6000_0000 | place  # a branch to itself
+    hangs_from = target.board.now
+    target.board.run(target.processor, hangs_from + 2_700_000)
+    assert target.processor.resets == 1
 
 
 def test_sums_that_outgrow_their_bounds_saturate() -> None:

@@ -135,9 +135,12 @@ boot_uart:  LDI     DATA_PAGE,DP
             LDI     SOURCES,IE
             OR      RUNNING,ST
 
-; The background: commands from the host.
+; The background: commands from the host; with long ticks the watchdog.
 background: IDLE
             CALL    receive
+            .if     WATCHES
+            CALL    watch
+            .endif
             B       background
 
 boot_timer1: .word  TIMER1

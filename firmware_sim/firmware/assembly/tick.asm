@@ -40,6 +40,14 @@ RESTORE     .macro
             POP     ST
             .endm
 
+; The watchdog at AR1 is content for another 100 ms.
+FEED        .macro
+            LDI     5Ah,R0
+            STI     R0,*AR1
+            LDI     0A5h,R0
+            STI     R0,*AR1
+            .endm
+
             .sect   "services"
 tick_service:
             SAVE
@@ -133,10 +141,7 @@ tick_report:
             SUBI    @began,R0
             LSH     1,R0                    ; the stopwatch counts every second cycle
             STI     R0,@frame+SOLVER_WORD   ; for the next frame
-            LDI     5Ah,R0
-            STI     R0,*AR1
-            LDI     0A5h,R0
-            STI     R0,*AR1
+            FEED
             LDI     @received,R1            ; half a command that does not go on is forgotten
             LDI     @rx_tail,R0
             CMPI    @rx_seen,R0
@@ -150,6 +155,20 @@ tick_end:   ANDN    2000h,ST
             OR      TICK_SOURCE,IE
             RESTORE
             RETI
+
+            .if     WATCHES
+; Ticks come too seldom for the watchdog: behind every interrupt the background feeds it as well, but not when a tick is
+; overdue; and the background waits for a service that hangs.
+watch:      LDI     @timer1_at,AR0
+            LDI     @watchdog_at,AR1
+            LDI     *+AR0(4),R0
+            SUBI    @due,R0
+            SUBI    @period,R0
+            CMPI    OVERDUE,R0
+            BGT     watch_end
+            FEED
+watch_end:  RETS
+            .endif
 
             .if     ALIGNS
 ; The coarse stage begins at the place of now.
