@@ -202,11 +202,11 @@ class Columns:
         field = time_field(batch.layout)
         if field is not None:
             return columns[field.name]
-        if batch.arrivals[0].time_ns is not None:
+        if not np.isnan(batch.host_time_s[0]):
             self.time_title = "host time since the start [s]"
             return batch.host_time_s - self._start(batch.host_time_s)
         self.time_title = "number of the frame"
-        numbers = np.arange(self._count, self._count + len(batch.arrivals), dtype=np.float64)
+        numbers = np.arange(self._count, self._count + len(batch), dtype=np.float64)
         self._count += len(numbers)
         return numbers
 

@@ -74,7 +74,7 @@ def _write_csv(path: Path, selection: Selection) -> int:
         table.writerow(titles)
         for batch in selection.batches():
             own = columns[batch.layout]
-            empty = [""] * len(batch.times_ns)
+            empty = [""] * len(batch)
             cells = [_cells(own[title], batch) if title in own else empty for title in titles]
             table.writerows(zip(*cells, strict=True))
     return 0
@@ -85,7 +85,7 @@ def _cells(column: Column, batch: Batch) -> Sequence[str]:
         # Seconds since 1970 with all nine decimals: a float would keep seven.
         return ["" if ns is None else f"{ns // 10**9}.{ns % 10**9:09d}" for ns in batch.times_ns]
     if column.field is None:
-        return [str(batch.session)] * len(batch.times_ns)
+        return [str(batch.session)] * len(batch)
     values = batch.columns[column.field.name]
     if column.role is Role.WORDS:
         return texts_of(column.field, values)

@@ -62,6 +62,12 @@ class Decoder:
         """Bytes that wait for the rest of their frame."""
         return len(self._pending)
 
+    def resume(self, pending: bytes, damaged: int, skipped_bytes: int) -> None:
+        """Goes on behind bytes that were scanned elsewhere: with what waits of them, and what to add to the counts."""
+        self._pending = pending
+        self.damaged += damaged
+        self.skipped_bytes += skipped_bytes
+
     def feed(self, data: bytes) -> list[Frame]:
         """Frames that are complete with these bytes, in their order on the line."""
         return self._scan(self._pending + data, at_end=False)

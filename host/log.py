@@ -18,7 +18,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from types import TracebackType
+from types import ModuleType, TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
 
 from host.errors import UsageError
 
@@ -32,6 +35,7 @@ _MARK = b"\xc7LOG"
 _CHUNK_HEADER = struct.Struct("<4sBHQ")
 _CRC = struct.Struct("<I")
 MAX_CHUNK_BYTES = 0xFFFF
+_MAX_WHOLE_BYTES = _CHUNK_HEADER.size + MAX_CHUNK_BYTES + _CRC.size
 _BLOCK_BYTES = 1 << 18
 
 
@@ -197,62 +201,61 @@ def _encode(kind: Kind, time_ns: int, data: bytes) -> bytes:
     return head + data + _CRC.pack(crc)
 
 
+@dataclass(frozen=True)
+class LogBlock:
+    """A stretch of a log: rows of `chunks` (see `host.scan.scan_chunks`) say what is in `data`, in its order.
+
+    Both are valid until the next block is asked for. `offset` is the place of data[0] in the file.
+    """
+
+    data: NDArray[np.uint8]
+    chunks: NDArray[np.int64]
+    offset: int
+
+    def item(self, row: int) -> Item | None:
+        """What a row says; None for a kind that a later program may have added."""
+        kind, time_ns, first, stop = self.chunks[row].tolist()
+        if kind < 0:
+            return Damage(self.offset + first, stop - first, at_end=kind == _scan().DAMAGE_AT_END)
+        data = self.data[first:stop].tobytes()
+        if kind == Kind.DATA:
+            return Chunk(time_ns, data)
+        return Event(time_ns, Kind(kind), data.decode("utf-8", "replace")) if kind in _EVENT_KINDS else None
+
+
 def read_log(path: Path) -> Iterator[Item]:
     """The chunks, events and damaged stretches of a log, in their order and in constant memory.
 
-    Damage is reported, never raised: the reader goes on at the next whole chunk.
+    Damage is reported, never raised: the reader goes on at the next whole chunk. Host times end with the year 2262.
     """
-    with path.open("rb") as file:
+    for block in log_blocks(path, _BLOCK_BYTES):
+        for row in range(len(block.chunks)):
+            if (item := block.item(row)) is not None:
+                yield item
+
+
+def log_blocks(path: Path, block_bytes: int) -> Iterator[LogBlock]:
+    """The same for readers that go through the bytes with compiled loops; blocks of so many bytes or fewer."""
+    scan = _scan()
+    data = np.empty(block_bytes + _MAX_WHOLE_BYTES, np.uint8)
+    chunks = np.empty((scan.most_chunks(len(data)), scan.CHUNK_COLUMNS), np.int64)
+    with path.open("rb", buffering=0) as file:
         offset = len(file.read(_FILE_HEADER.size))
-        damaged = 0
-        buffer = b""
+        rest = damaged = 0
         at_end = False
         while not at_end:
-            block = file.read(_BLOCK_BYTES)
-            at_end = not block
-            buffer += block
-            position = 0
-            while position < len(buffer):
-                size = _whole_chunk(buffer, position)
-                if size is None and not at_end:
-                    break
-                if size:
-                    if damaged:
-                        yield Damage(offset + position - damaged, damaged, at_end=False)
-                        damaged = 0
-                    yield from _items(buffer[position : position + size])
-                    position += size
-                else:
-                    following = buffer.find(_MARK[:1], position + 1)
-                    following = len(buffer) if following < 0 else following
-                    damaged += following - position
-                    position = following
-            buffer = buffer[position:]
+            size = file.readinto(data.data[rest : rest + block_bytes])
+            at_end = not size
+            available = rest + size
+            rows, position, damaged = scan.scan_chunks(data, available, at_end, damaged, chunks)
+            yield LogBlock(data, chunks[:rows], offset)
+            rest = available - position
+            data[:rest] = data[position:available].copy()
             offset += position
-        if damaged:
-            yield Damage(offset - damaged, damaged, at_end=True)
 
 
-def _whole_chunk(buffer: bytes, position: int) -> int | None:
-    """Size of the undamaged chunk at this place: 0 when there is none, None when the bytes so far do not tell."""
-    head = buffer[position : position + _CHUNK_HEADER.size]
-    if not _MARK.startswith(head[: len(_MARK)]):
-        return 0
-    if len(head) < _CHUNK_HEADER.size:
-        return None
-    crc_at = position + _CHUNK_HEADER.size + _CHUNK_HEADER.unpack(head)[2]
-    stop = crc_at + _CRC.size
-    if stop > len(buffer):
-        return None
-    good = zlib.crc32(buffer[position + len(_MARK) : crc_at]) == _CRC.unpack_from(buffer, crc_at)[0]
-    return stop - position if good else 0
+def _scan() -> ModuleType:
+    """Imported by readers only: a recorder starts without numba."""
+    from host import scan
 
-
-def _items(chunk: bytes) -> Iterator[Chunk | Event]:
-    """What a whole chunk holds; nothing for a kind that a later program may have added."""
-    _, kind, _, time_ns = _CHUNK_HEADER.unpack_from(chunk)
-    data = chunk[_CHUNK_HEADER.size : -_CRC.size]
-    if kind == Kind.DATA:
-        yield Chunk(time_ns, data)
-    elif kind in _EVENT_KINDS:
-        yield Event(time_ns, Kind(kind), data.decode("utf-8", "replace"))
+    return scan

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
+from itertools import count
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -36,30 +38,23 @@ _KINDS = frozenset(Kind)
 
 @dataclass(frozen=True)
 class FieldType:
-    """How a field stands in the payload: its name, its numpy format and its size."""
+    """How a field stands in the payload: its name, its code in descriptions and its size."""
 
     name: str
-    format: str
+    code: int
     size: int
 
 
-FIELD_TYPES = {
-    1: FieldType("u8", "<u1", 1),
-    2: FieldType("u16", "<u2", 2),
-    3: FieldType("u32", "<u4", 4),
-    4: FieldType("i32", "<i4", 4),
-    5: FieldType("single", "<u4", 4),
-}
+_TYPES = (("u8", 1), ("u16", 2), ("u32", 4), ("i32", 4), ("single", 4))
+FIELD_TYPES = {code: FieldType(name, code, size) for code, (name, size) in enumerate(_TYPES, start=1)}
 SINGLE = FIELD_TYPES[5]
 
 
-def c3x_single_to_float(words: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.float64]:
-    """Values of TMS320C3x single-precision words, exactly (SPRU031, chapter 5: exponent | sign | fraction)."""
-    bits = words.astype(np.int64)
-    exponent = ((bits >> 24) ^ 0x80) - 0x80
-    fraction = (bits & 0x7FFFFF) / 2.0**23
-    mantissa = np.where(bits & 0x800000, fraction - 2.0, fraction + 1.0)
-    return np.where(exponent == -128, 0.0, np.ldexp(mantissa, exponent))
+def c3x_single_to_float(words: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """Values (n) of TMS320C3x single-precision words (n), exactly."""
+    values = np.empty(len(words))
+    _scan().single_values(words, values)
+    return values
 
 
 @dataclass(frozen=True)
@@ -99,13 +94,10 @@ class Field:
     def _label(self, number: int) -> str:
         return self.labels[number] if 0 <= number < len(self.labels) else ""
 
-    def engineering(self, raw: NDArray[Any]) -> NDArray[Any]:
-        """Raw numbers of the payload in the field's unit: float64, or int64 where the scale leaves an integer."""
-        if self.type is SINGLE:
-            return c3x_single_to_float(raw) * self.scale
-        if self.kind is not Kind.QUANTITY or self.scale == 1.0:
-            return raw.astype(np.int64)
-        return raw * self.scale
+    @property
+    def is_integer(self) -> bool:
+        """True where the values are whole numbers, as they stand in the payload (int64); others are float64."""
+        return self.type is not SINGLE and (self.kind is not Kind.QUANTITY or self.scale == 1.0)
 
 
 @dataclass(frozen=True)
@@ -126,20 +118,38 @@ class Layout:
         return {field.name: field for field in self.fields}
 
     @cached_property
-    def _dtype(self) -> np.dtype[Any]:
-        return np.dtype(
-            {
-                "names": [field.name for field in self.fields],
-                "formats": [field.type.format for field in self.fields],
-                "offsets": [field.offset for field in self.fields],
-                "itemsize": self.size,
-            }
-        )
+    def sequence(self) -> Field | None:
+        """The running number of the frames, if they have one."""
+        found = self.by_name.get("sequence")
+        return None if found is None or found.type is SINGLE else found
+
+    @cached_property
+    def _plan(self) -> tuple[NDArray[np.int64], NDArray[np.float64], int, int]:
+        """What `host.scan.decode_payloads` needs: the fields, their scales, how many are float64 and how many int64."""
+        numbers = {True: count(), False: count()}
+        rows = [
+            (each.offset, each.type.code, not each.is_integer, next(numbers[each.is_integer])) for each in self.fields
+        ]
+        scales = np.array([each.scale for each in self.fields])
+        return np.array(rows, dtype=np.int64), scales, next(numbers[False]), next(numbers[True])
+
+    def rows_of(self, payloads: Sequence[bytes]) -> NDArray[np.uint8]:
+        """Payloads of at least `size` bytes as rows of so many."""
+        joined = bytearray().join(payload[: self.size] for payload in payloads)
+        return np.frombuffer(joined, dtype=np.uint8).reshape(-1, self.size)
+
+    def decode_rows(self, rows: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
+        """Columns in engineering units, one value for each row (n x `size`, a payload each); float64 or int64."""
+        fields, scales, float_count, integer_count = self._plan
+        floats = np.empty((float_count, len(rows)))
+        integers = np.empty((integer_count, len(rows)), np.int64)
+        _scan().decode_payloads(rows, fields, scales, floats, integers)
+        columns: dict[bool, Iterator[NDArray[Any]]] = {True: iter(integers), False: iter(floats)}
+        return {each.name: next(columns[each.is_integer]) for each in self.fields}
 
     def decode(self, payloads: Sequence[bytes]) -> dict[str, NDArray[Any]]:
-        """Columns in engineering units, one row for each payload; every payload holds at least `size` bytes."""
-        table = np.frombuffer(b"".join(payload[: self.size] for payload in payloads), dtype=self._dtype)
-        return {field.name: field.engineering(table[field.name]) for field in self.fields}
+        """The same for payloads of at least `size` bytes."""
+        return self.decode_rows(self.rows_of(payloads))
 
     def decode_values(self, payload: bytes) -> dict[str, int | float]:
         """The values of one payload in engineering units."""
@@ -153,6 +163,13 @@ class _Description:
     count: int
     frame_name: str
     field: Field
+
+
+def _scan() -> ModuleType:
+    """Imported by those who want values: a recorder starts without numba."""
+    from host import scan
+
+    return scan
 
 
 def _parse(payload: bytes) -> _Description | None:
@@ -192,8 +209,15 @@ class Schema:
         self.layouts: dict[int, Layout] = {}
         self.malformed = 0
         self.replaced = 0
+        # Changes with every description that says something new; one that breaks the rules says nothing.
+        self.version = 0
         self._seen: dict[int, dict[int, _Description]] = {}
         self._payloads: dict[bytes, bytes] = {}
+
+    @property
+    def known(self) -> Collection[bytes]:
+        """Payloads of descriptions that would say nothing new: at most one of each frame type and index."""
+        return self._payloads.values()
 
     def learn(self, payload: bytes) -> Layout | None:
         """Takes the payload of a description frame; gives the layout that it completed, if it did."""
@@ -204,6 +228,7 @@ class Schema:
         if description is None:
             self.malformed += 1
             return None
+        self.version += 1
         frame_type = description.frame_type
         if self._contradicts(description):
             self._forget(frame_type)

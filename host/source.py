@@ -2,48 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from host.batch import UNKNOWN_NS, joined
+from host.batch import Batch as Batch
+from host.blocks import BlockStream
 from host.errors import UsageError
 from host.frames import Decoder
-from host.log import Chunk, Damage, Event, Item, Kind, is_log, read_log
-from host.schema import Layout
-from host.stream import Arrival, Stream
+from host.log import Chunk, Damage, Event, Item, Kind, LogBlock, is_log, log_blocks, read_log
+from host.scan import KIND, TIME
+from host.stream import Stream
 
-_BLOCK_BYTES = 1 << 16
+_BLOCK_BYTES = 1 << 21
+_READ_BYTES = 1 << 16
 BATCH_FRAMES = 4096
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Consecutive frames of one layout and one session as columns of equal length."""
-
-    layout: Layout
-    session: int
-    arrivals: list[Arrival]
-
-    @cached_property
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """Field name -> values in engineering units."""
-        return self.layout.decode([arrival.payload for arrival in self.arrivals])
-
-    @property
-    def times_ns(self) -> list[int | None]:
-        """Host time of the read that brought each frame; None where the file keeps no time."""
-        return [arrival.time_ns for arrival in self.arrivals]
-
-    @property
-    def host_time_s(self) -> NDArray[np.float64]:
-        """The same in seconds since 1970 (to a microsecond), nan where the file keeps no time."""
-        return np.array([np.nan if time is None else time * 1e-9 for time in self.times_ns])
 
 
 @dataclass(frozen=True)
@@ -58,20 +35,23 @@ class Source:
         return read_log(self.path) if self.is_log else _read_raw(self.path)
 
     def batches(self, recording: Recording) -> Iterator[Batch]:
-        """All frames that can be decoded; `recording` keeps the books and is complete at the end."""
-        open_batches: dict[int, list[Arrival]] = {}
-        for arrival in recording.arrivals(self.items()):
-            batch = open_batches.setdefault(arrival.layout.type, [])
-            if batch and (len(batch) >= BATCH_FRAMES or not _belongs(arrival, batch[0])):
-                yield Batch(batch[0].layout, batch[0].session, batch)
-                batch = open_batches[arrival.layout.type] = []
-            batch.append(arrival)
-        for batch in open_batches.values():
-            yield Batch(batch[0].layout, batch[0].session, batch)
+        """All frames that can be decoded.
 
-
-def _belongs(arrival: Arrival, first: Arrival) -> bool:
-    return arrival.layout is first.layout and arrival.session == first.session
+        The frames of a type keep their order; a batch has at least BATCH_FRAMES of them, unless it is the last of its
+        layout and session. `recording` keeps the books and is complete at the end.
+        """
+        blocks = log_blocks(self.path, _BLOCK_BYTES) if self.is_log else _raw_blocks(self.path)
+        waiting: dict[int, list[Batch]] = {}
+        for batch in recording.batches(blocks):
+            same = waiting.setdefault(batch.layout.type, [])
+            if same and not same[0].is_continued_by(batch):
+                yield joined(same)
+                same.clear()
+            same.append(batch)
+            if sum(map(len, same)) >= BATCH_FRAMES:
+                yield joined(same)
+                same.clear()
+        yield from (joined(same) for same in waiting.values() if same)
 
 
 class Recording:
@@ -84,22 +64,35 @@ class Recording:
         self.first_ns: int | None = None
         self.last_ns: int | None = None
 
-    def arrivals(self, items: Iterator[Item]) -> Iterator[Arrival]:
-        """The decodable frames of the items."""
-        for item in items:
+    def batches(self, blocks: Iterable[LogBlock]) -> Iterator[Batch]:
+        """The decodable frames of a log, as its blocks bring them."""
+        stream = BlockStream(self.stream)
+        for block in blocks:
+            self._note(block)
+            kinds = block.chunks[:, KIND]
+            first = 0
+            for opened in [*np.flatnonzero(kinds == Kind.OPENED).tolist(), len(kinds)]:
+                stretch = block.chunks[first:opened]
+                yield from stream.feed(block.data, stretch[kinds[first:opened] == Kind.DATA])
+                if opened < len(kinds):
+                    yield from stream.open_session()
+                first = opened
+        yield from stream.finish()
+
+    def _note(self, block: LogBlock) -> None:
+        """What the log says besides the bytes of the line, and its times."""
+        has_time = block.chunks[:, KIND] == Kind.DATA
+        for row in np.flatnonzero(~has_time).tolist():
+            item = block.item(row)
             if isinstance(item, Damage):
                 self.damages.append(item)
-                continue
-            if self.first_ns is None:
-                self.first_ns = item.time_ns
-            self.last_ns = item.time_ns
-            if isinstance(item, Chunk):
-                yield from self.stream.feed(item.data, item.time_ns)
-                continue
-            self.events.append(item)
-            if item.kind is Kind.OPENED:
-                yield from self.stream.open_session()
-        yield from self.stream.finish()
+            elif isinstance(item, Event):
+                self.events.append(item)
+                has_time[row] = True
+        times_ns = block.chunks[has_time, TIME].tolist()
+        if times_ns and times_ns[0] != UNKNOWN_NS:
+            self.first_ns = times_ns[0] if self.first_ns is None else self.first_ns
+            self.last_ns = times_ns[-1]
 
 
 def open_source(path: Path) -> Source:
@@ -129,9 +122,19 @@ def utc_text(time_ns: int) -> str:
     return f"{whole:%Y-%m-%d %H:%M:%S}.{time_ns // 1_000_000 % 1000:03d} UTC"
 
 
+def _raw_blocks(path: Path) -> Iterator[LogBlock]:
+    """Raw bytes of a line as a log of chunks without time."""
+    data = np.empty(_BLOCK_BYTES, np.uint8)
+    offset = 0
+    with path.open("rb", buffering=0) as file:
+        while size := file.readinto(data.data):
+            yield LogBlock(data, np.array([(Kind.DATA, UNKNOWN_NS, 0, size)], np.int64), offset)
+            offset += size
+
+
 def _read_raw(path: Path) -> Iterator[Chunk]:
     with path.open("rb") as file:
-        while block := file.read(_BLOCK_BYTES):
+        while block := file.read(_READ_BYTES):
             yield Chunk(None, block)
 
 

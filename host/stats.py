@@ -64,7 +64,7 @@ def survey(source: Source) -> Survey:
     """Reads the source once, from its beginning to its end."""
     result = Survey(source)
     for batch in source.batches(result.recording):
-        result.frames[batch.layout] += len(batch.arrivals)
+        result.frames[batch.layout] += len(batch)
         _count_words(batch, result.words)
         if (time := time_field(batch.layout)) is not None:
             rate = result.rates.setdefault(batch.layout.name, BoardRate())

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from host.frames import Decoder, Frame
-from host.schema import DESCRIPTION_TYPE, SINGLE, Layout, Schema
+from host.schema import DESCRIPTION_TYPE, Layout, Schema
 
 # Frames of a type that is not described yet wait for their description; at 50 frames a second it takes one second.
 MAX_HELD_FRAMES = 20_000
@@ -71,6 +71,13 @@ class Session:
     lost: int = 0
     first_ns: int | None = None
     last_ns: int | None = None
+
+    def count(self, frames: int, first_ns: int | None, last_ns: int | None) -> None:
+        """Takes consecutive frames, with the times of the first and of the last one."""
+        self.frames += frames
+        if self.first_ns is None:
+            self.first_ns = first_ns
+        self.last_ns = last_ns
 
 
 class Stream:
@@ -133,15 +140,20 @@ class Stream:
             if frame_type == DESCRIPTION_TYPE:
                 layout = self.schema.learn(payload)
                 if layout is not None:
-                    held = self._held.pop(layout.type, [])
-                    arrivals.extend(arrival for item in held for arrival in self._place(layout, *item))
+                    arrivals.extend(self.release(layout))
             elif (layout := self.schema.layouts.get(frame_type)) is not None:
                 arrivals.extend(self._place(layout, time_ns, payload))
             else:
-                self._hold(frame_type, time_ns, payload)
+                self.hold(frame_type, time_ns, payload)
         return arrivals
 
-    def _hold(self, frame_type: int, time_ns: int | None, payload: bytes) -> None:
+    def release(self, layout: Layout) -> list[Arrival]:
+        """The frames that waited for this layout."""
+        held = self._held.pop(layout.type, [])
+        return [arrival for item in held for arrival in self._place(layout, *item)]
+
+    def hold(self, frame_type: int, time_ns: int | None, payload: bytes) -> None:
+        """Keeps a frame until its layout is known."""
         held = self._held.setdefault(frame_type, [])
         if len(held) >= MAX_HELD_FRAMES:
             self.undecoded[frame_type] += len(held)
@@ -155,21 +167,22 @@ class Stream:
             return ()
         lost = self._count(layout, payload)
         session = self.sessions[-1]
-        session.frames += 1
         session.lost += lost
-        if session.first_ns is None:
-            session.first_ns = time_ns
-        session.last_ns = time_ns
+        session.count(1, time_ns, time_ns)
         return (Arrival(layout, session.number, time_ns, payload),)
 
     def _count(self, layout: Layout, payload: bytes) -> int:
-        sequence = layout.by_name.get("sequence")
-        if sequence is None or sequence.type is SINGLE:
+        sequence = layout.sequence
+        if sequence is None:
             return 0
         size = sequence.type.size
         number = int.from_bytes(payload[sequence.offset : sequence.offset + size], "little")
-        account = self.accounts.setdefault(layout.type, SequenceAccount())
-        lost = account.see(number, 1 << 8 * size)
+        return self.see(layout.type, number, 1 << 8 * size)
+
+    def see(self, frame_type: int, number: int, modulus: int) -> int:
+        """Takes the running number of a frame; gives the count lost before it. A restart opens a session."""
+        account = self.accounts.setdefault(frame_type, SequenceAccount())
+        lost = account.see(number, modulus)
         # Each numbered frame type shows the same restart: the first to show it opens the session.
         if account.restarts > self._restarts:
             self._restarts = account.restarts

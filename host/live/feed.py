@@ -6,11 +6,11 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 
+from host.batch import Batch, batches_of
 from host.commands import answer_of, is_answer
 from host.live import messages
-from host.live.tables import Tables, batches_of, layout_message
+from host.live.tables import Tables, layout_message
 from host.log import Event
-from host.source import Batch
 from host.stream import Arrival
 
 MAX_EVENTS = 200

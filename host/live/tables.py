@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from host.batch import Batch
 from host.curves import Columns, Plan, described_plan, is_navigation, navigation_plans, time_field
 from host.live import messages
 from host.live.history import History
 from host.schema import Field, Kind, Layout
-from host.source import Batch
-from host.stream import Arrival
 
 Floats = NDArray[np.float64]
 
@@ -95,16 +93,6 @@ class Tables:
         if table is None:
             table = self._tables[batch.layout] = Table(len(self._tables), batch.layout)
         return table, table.add(batch)
-
-
-def batches_of(arrivals: Sequence[Arrival]) -> Iterator[Batch]:
-    """Frames in the order of their arrival, as batches of one layout and one session."""
-    by_layout: dict[int, list[Arrival]] = {}
-    for arrival in arrivals:
-        by_layout.setdefault(id(arrival.layout), []).append(arrival)
-    for same in by_layout.values():
-        for session, group in groupby(same, key=lambda arrival: arrival.session):
-            yield Batch(same[0].layout, session, list(group))
 
 
 def plans_of(layout: Layout) -> list[Plan]:

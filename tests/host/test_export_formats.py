@@ -78,6 +78,7 @@ def test_parquet_holds_the_line_with_types_and_units(tmp_path: Path, kit: Any) -
 
 def test_parquet_goes_out_in_groups_of_rows(tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("host.export_parquet._ROWS_OF_A_GROUP", 4000)
+    monkeypatch.setattr("host.source._BLOCK_BYTES", 1 << 18)
     log, target = tmp_path / "a.log", tmp_path / "a.parquet"
     flight_log(log, kit)
     export(open_source(log), "parquet", target)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from host.schema import Kind, Schema, c3x_single_to_float
+from host.schema import FIELD_TYPES, SINGLE, Field, Kind, Layout, Schema, c3x_single_to_float
 
 # SPRU031 chapter 5: the words of 1, -1, 2 and 0 are TI's; the others follow from its formula by hand.
 SINGLES = [
@@ -39,20 +39,50 @@ def learn_all(schema: Schema, kit: Any, *args: Any) -> None:
 
 @pytest.mark.parametrize(("word", "value"), SINGLES)
 def test_single(word: int, value: float) -> None:
-    assert c3x_single_to_float(np.array([word], dtype=np.uint32))[0] == value
+    # Digit by digit: no zero has a sign.
+    assert repr(c3x_single_to_float(np.array([word], dtype=np.uint32)).tolist()) == repr([value])
+
+
+def document_value(word: int) -> float:
+    """A single by the formula of the document."""
+    exponent = struct.unpack("b", bytes([word >> 24]))[0]
+    fraction = (word & 0x7FFFFF) / 2**23
+    if exponent == -128:
+        return 0.0
+    return (fraction - 2 if word >> 23 & 1 else 1 + fraction) * 2.0**exponent
 
 
 @given(st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=50))
 @settings(deadline=None, max_examples=100)
 def test_singles_follow_the_formula_of_the_document(words: list[int]) -> None:
-    def value(word: int) -> float:
-        exponent = struct.unpack("b", bytes([word >> 24]))[0]
-        fraction = (word & 0x7FFFFF) / 2**23
-        if exponent == -128:
-            return 0.0
-        return (fraction - 2 if word >> 23 & 1 else 1 + fraction) * 2.0**exponent
+    values = c3x_single_to_float(np.array(words, dtype=np.uint32)).tolist()
+    assert values == [document_value(word) for word in words]
 
-    assert c3x_single_to_float(np.array(words, dtype="<u4")).tolist() == [value(word) for word in words]
+
+field_types = st.sampled_from(list(FIELD_TYPES.values()))
+scales = st.sampled_from([1.0, -1.0, 0.02, 80e-9, 2.0**-30, 1e300]) | st.floats(1e-12, 1e12)
+fields = st.builds(
+    Field, st.uuids().map(str), field_types, st.integers(0, 251), st.sampled_from(list(Kind)), scales,
+    st.just(""), st.just(""), st.just(())
+)  # fmt: skip
+
+
+@given(st.lists(fields, min_size=1, max_size=8), st.binary(min_size=255, max_size=1000))
+@settings(deadline=None, max_examples=200)
+def test_any_layout_decodes_as_the_document_says(described: list[Field], content: bytes) -> None:
+    """To the last bit; fields may overlap."""
+    layout = Layout(1, "frame", tuple(described))
+    payloads = [content[start : start + 255] for start in range(0, len(content) - 254, 255)]
+    columns = layout.decode(payloads)
+    for field in described:
+        column = columns[field.name]
+        assert column.dtype == (np.int64 if field.is_integer else np.float64)
+        for payload, value in zip(payloads, column.tolist(), strict=True):
+            part = payload[field.offset : field.offset + field.type.size]
+            raw = int.from_bytes(part, "little", signed=field.type.name == "i32")
+            number = document_value(raw) if field.type is SINGLE else raw
+            expected = number if field.is_integer else number * field.scale
+            assert repr(value) == repr(expected)
 
 
 def test_a_frame_type_is_known_with_its_last_field_in_any_order(kit: Any) -> None:
