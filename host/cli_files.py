@@ -40,6 +40,9 @@ def add_to(commands: Any, say: Say) -> None:
     text = "frame to export; default: the most frequent one, for mcap all"
     convert.add_argument("--frame", metavar="NAME", help=text)
 
+    page = add("report", _report, "write a page of HTML with figures, timing, losses, flags and events")
+    page.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE", help="page to write")
+
 
 def _stats(arguments: argparse.Namespace, say: Say) -> None:
     from host.analysis import analyse, as_data
@@ -66,3 +69,11 @@ def _plot(arguments: argparse.Namespace, say: Say) -> None:
 
     for path in plot(open_source(arguments.log), arguments.output):
         say(str(path))
+
+
+def _report(arguments: argparse.Namespace, say: Say) -> None:
+    from host.report import write_report
+    from host.source import open_source
+
+    write_report(open_source(arguments.log), arguments.output)
+    say(str(arguments.output))

@@ -208,13 +208,18 @@ def _board_times(before: _Seen, now: _Seen) -> tuple[float, float] | None:
     return float(first[fields[0].name]), float(second[fields[1].name])
 
 
-def loss_lines(losses: Losses) -> Iterator[str]:
-    """The ledger in words."""
+def away_lines(losses: Losses) -> Iterator[str]:
+    """How often and how long the port was away, in words."""
     known = [length_s for length_s in losses.away_s if length_s is not None]
     if known:
         yield f"the port was away: {len(known):,} x, {sum(known):.3f} s altogether"
     if len(known) < len(losses.away_s):
         yield "the port went away and did not come back"
+
+
+def loss_lines(losses: Losses) -> Iterator[str]:
+    """The ledger in words."""
+    yield from away_lines(losses)
     if not losses.causes:
         return
     yield "frames missing in the sequence"

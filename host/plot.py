@@ -1,10 +1,12 @@
-"""Figures of a recording as PNG files. The only file of the host that knows matplotlib."""
+"""Figures of a recording, as PNG files or inside a page. The only file of the host that knows matplotlib."""
 
 from __future__ import annotations
 
+import copy
+import io
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,20 +24,24 @@ from host.curves import (
     navigation_plans,
     on_the_main_branch,
 )
+from host.ellipsoid import metres_per_degree
 from host.errors import UsageError
 from host.files import replacing
 from host.schema import Layout
 from host.source import Recording, Source
 from host.stats import Survey, choose_frame, survey
 
+TRACK = "track"
 _WIDTH_IN = 11.0
 _DPI = 130
 # A group of points for each pixel column of a figure.
 _PIXEL_COLUMNS = int(_WIDTH_IN * _DPI)
 # x or east, y or north, z or up; the colours of Okabe and Ito, which colour-blind readers tell apart.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
+_DARK_COLOURS = ("#56B4E9", "#FF9A4D", "#35C69B", "#E39AC6", "#7FA8FF", "#F0C24B", "#B0B0B0")
 _MANY_CURVES = len(_COLOURS)
 _STYLE = {
+    "axes.prop_cycle": f"cycler('color', {_COLOURS})",
     "axes.grid": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -45,17 +51,28 @@ _STYLE = {
     "legend.frameon": False,
     "lines.linewidth": 1.0,
     "agg.path.chunksize": 10_000,
+    # A text of the line is no formula.
+    "text.parse_math": False,
+    "svg.hashsalt": "nav-host",
 }
-# WGS 84, to give the track a scale in metres.
-_EARTH_RADIUS_M = 6_378_137.0
-_EARTH_E2 = 6.694_379_990_14e-3
+_PALE = "#d8d8d8"
+_DARK = {
+    "axes.prop_cycle": f"cycler('color', {_DARK_COLOURS})",
+    "axes.edgecolor": _PALE,
+    "axes.labelcolor": _PALE,
+    "axes.titlecolor": _PALE,
+    "grid.color": "#80868c",
+    "text.color": _PALE,
+    "xtick.color": _PALE,
+    "ytick.color": _PALE,
+}
 # A few units of the described position (6 mm).
 _LEAST_HALF_SIDE_M = 0.05
 _NEAR_LIMIT = 0.3
 
 
 @dataclass
-class _Chart:
+class Chart:
     """A frame's figures while the recording is read: their plans, and the thinned points of each column."""
 
     plans: list[Plan]
@@ -69,15 +86,53 @@ def plot(source: Source, directory: Path) -> list[Path]:
 
     Raises UsageError when matplotlib is missing, the directory cannot be written, or nothing can be decoded.
     """
-    pyplot = _load_pyplot()
+    pyplot = load_pyplot()
     found = survey(source)
     choose_frame(found, None)
-    _make_directory(directory)
+    make_directory(directory)
     charts = _charts(found)
     _read(source, charts)
+    return _save(pyplot, _drawn(pyplot, source, charts), source, directory)
+
+
+def plot_curves(plans: Iterable[Plan], curves: dict[str, Thinner], source: Source, directory: Path) -> list[Path]:
+    """Draws figures of curves over board time into a directory that is there; gives their paths."""
+    pyplot = load_pyplot()
+    chart = Chart(list(plans), Columns(), curves, None)
+    return _save(pyplot, _drawn(pyplot, source, {"": chart}), source, directory)
+
+
+def svg_figures(found: Survey) -> Iterator[tuple[str, bytes, bytes]]:
+    """The figures of a surveyed recording as SVG on a transparent ground: name, for a light and for a dark page."""
+    pyplot = load_pyplot()
+    charts = _charts(found)
+    _read(found.source, charts)
+    # Drawing ends the curves.
+    pages = [(copy.deepcopy(charts), _STYLE), (charts, _STYLE | _DARK)]
+    drawn = [_svgs(pyplot, _drawn(pyplot, found.source, chart), style) for chart, style in pages]
+    for (name, light), (_, dark) in zip(*drawn, strict=True):
+        yield name, light, dark
+
+
+def _svgs(pyplot: Any, figures: Iterator[tuple[str, Any]], style: dict[str, Any]) -> Iterator[tuple[str, bytes]]:
+    while True:
+        with pyplot.rc_context(style):
+            drawn = next(figures, None)
+            if drawn is None:
+                return
+            name, figure = drawn
+            file = io.BytesIO()
+            try:
+                figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
+            finally:
+                pyplot.close(figure)
+        yield name, file.getvalue()
+
+
+def _save(pyplot: Any, figures: Iterator[tuple[str, Any]], source: Source, directory: Path) -> list[Path]:
     paths = []
     with pyplot.rc_context(_STYLE):
-        for figure_name, figure in _drawn(pyplot, source, charts):
+        for figure_name, figure in figures:
             path = directory / f"{figure_name}.png"
             try:
                 with replacing(path, source.path) as partial:
@@ -88,18 +143,20 @@ def plot(source: Source, directory: Path) -> list[Path]:
     return paths
 
 
-def _load_pyplot() -> Any:
+def load_pyplot() -> Any:
     try:
         import matplotlib as mpl
 
         mpl.use("Agg")
         from matplotlib import pyplot
     except ImportError:
-        raise UsageError("plot needs matplotlib, which is not installed: pip install 'firmware-sim[figures]'") from None
+        raise UsageError(
+            "figures need matplotlib, which is not installed: pip install 'firmware-sim[figures]'"
+        ) from None
     return pyplot
 
 
-def _make_directory(directory: Path) -> None:
+def make_directory(directory: Path) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
@@ -108,9 +165,9 @@ def _make_directory(directory: Path) -> None:
         raise UsageError(f"{directory}: cannot be made: {error.strerror}") from None
 
 
-def _charts(found: Survey) -> dict[str, _Chart]:
+def _charts(found: Survey) -> dict[str, Chart]:
     """A chart for each frame name; the most frequent frame with a position gets the navigation figures."""
-    charts: dict[str, _Chart] = {}
+    charts: dict[str, Chart] = {}
     taken: set[str] = set()
     has_navigation = False
     for name in found.frame_names():
@@ -128,7 +185,7 @@ def _charts(found: Survey) -> dict[str, _Chart]:
         curves = {
             column: Thinner(stride, watched=[1]) for plan in plans for panel in plan.panels for column in panel.columns
         }
-        charts[name] = _Chart(
+        charts[name] = Chart(
             plans,
             Columns(found.board_rate(name) or 1.0),
             curves,
@@ -142,7 +199,7 @@ def _file_name(layout: Layout, taken: set[str]) -> str:
     return f"frame_{layout.type}_{name}" if not name.strip("_") or name in taken else f"frame_{name}"
 
 
-def _read(source: Source, charts: dict[str, _Chart]) -> None:
+def _read(source: Source, charts: dict[str, Chart]) -> None:
     """The second reading: every point passes through the thinners of its frame."""
     sessions: dict[str, int] = {}
     for batch in source.batches(Recording()):
@@ -163,16 +220,16 @@ def _read(source: Source, charts: dict[str, _Chart]) -> None:
             chart.track.add(np.column_stack((time, columns["longitude"], columns["latitude"])))
 
 
-def _drawn(pyplot: Any, source: Source, charts: dict[str, _Chart]) -> Iterator[tuple[str, Any]]:
+def _drawn(pyplot: Any, source: Source, charts: dict[str, Chart]) -> Iterator[tuple[str, Any]]:
     for chart in charts.values():
         for plan in chart.plans:
             if plan.panels:
                 yield plan.name, _draw_plan(pyplot, source, plan, chart)
         if chart.track is not None:
-            yield "track", _draw_track(pyplot, source, chart.track.rows())
+            yield TRACK, _draw_track(pyplot, source, chart.track.rows())
 
 
-def _draw_plan(pyplot: Any, source: Source, plan: Plan, chart: _Chart) -> Any:
+def _draw_plan(pyplot: Any, source: Source, plan: Plan, chart: Chart) -> Any:
     heights = [_height_in(panel) for panel in plan.panels]
     figure, axes = pyplot.subplots(
         len(plan.panels),
@@ -205,7 +262,7 @@ def _head(figure: Any, source: Source, title: str) -> None:
     figure.suptitle(f"{title} — {source.path.name}", x=0.01, ha="left", fontsize="large")
 
 
-def _draw_curves(axis: Any, panel: Panel, chart: _Chart) -> None:
+def _draw_curves(axis: Any, panel: Panel, chart: Chart) -> None:
     drawn: list[Floats] = []
     for number, column in enumerate(panel.columns):
         rows = chart.curves[column].rows()
@@ -213,7 +270,7 @@ def _draw_curves(axis: Any, panel: Panel, chart: _Chart) -> None:
         if column in chart.columns.unwrapped and known.any():
             rows[:, 1] = on_the_main_branch(rows[:, 1])
         drawn.append(rows[known, 1])
-        axis.plot(rows[:, 0], rows[:, 1], color=_COLOURS[number % _MANY_CURVES], label=column)
+        axis.plot(rows[:, 0], rows[:, 1], color=f"C{number}", label=column)
     axis.set_ylabel(panel.title)
     axis.margins(x=0.01)
     axis.ticklabel_format(axis="y", useOffset=False)
@@ -240,10 +297,10 @@ def _draw_limit(axis: Any, limit: float, peak: float) -> None:
     """Says how much of the limit the peak takes; draws the line only where it does not press the curve flat."""
     axis.set_title(f"peak {peak:,.0f} = {peak / limit:.1%} of the tick's {limit:,.0f}", loc="right")
     if peak > _NEAR_LIMIT * limit:
-        axis.axhline(limit, color=_COLOURS[1], linewidth=1.0, linestyle="--")
+        axis.axhline(limit, color="C1", linewidth=1.0, linestyle="--")
 
 
-def _draw_lanes(axis: Any, panel: Panel, chart: _Chart) -> None:
+def _draw_lanes(axis: Any, panel: Panel, chart: Chart) -> None:
     names = [column.removeprefix(f"{panel.title}: ") for column in panel.columns]
     for number, column in enumerate(panel.columns):
         rows = chart.curves[column].rows()
@@ -252,7 +309,7 @@ def _draw_lanes(axis: Any, panel: Panel, chart: _Chart) -> None:
             number + 0.35,
             number + 0.35 - 0.7 * rows[:, 1],
             step="post",
-            color=_COLOURS[number % _MANY_CURVES],
+            color=f"C{number}",
             linewidth=0.8,
         )
     axis.set_yticks(range(len(names)), names)
@@ -267,11 +324,13 @@ def _draw_track(pyplot: Any, source: Source, rows: Floats) -> Any:
     _head(figure, source, "Track")
     longitude, latitude = on_the_main_branch(rows[:, 1]), rows[:, 2]
     known = ~np.isnan(longitude)
-    axis.plot(longitude, latitude, color=_COLOURS[0])
-    axis.plot(longitude[0], latitude[0], "o", color=_COLOURS[2], markersize=13, label="start")
-    axis.plot(longitude[-1], latitude[-1], "s", color=_COLOURS[1], markersize=6, label="end")
+    axis.plot(longitude, latitude, color="C0")
+    axis.plot(longitude[0], latitude[0], "o", color="C2", markersize=13, label="start")
+    axis.plot(longitude[-1], latitude[-1], "s", color="C1", markersize=6, label="end")
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.07), ncols=2, borderaxespad=0.0)
-    east_m, north_m = _metres_per_degree(float(latitude[0]))
+    east_m, north_m = metres_per_degree(float(latitude[0]))
+    # At a pole there should still be something to draw.
+    east_m = max(east_m, math.radians(1.0))
     # A square of one scale in metres, with a margin around the longer side.
     half_m = max(0.55 * np.ptp(longitude[known]) * east_m, 0.55 * np.ptp(latitude[known]) * north_m, _LEAST_HALF_SIDE_M)
     for values, metres, set_limits in ((longitude, east_m, axis.set_xlim), (latitude, north_m, axis.set_ylim)):
@@ -295,16 +354,3 @@ def _metre_scale(origin_deg: float, metres_per_degree: float) -> tuple[Any, Any]
         lambda degrees: (degrees - origin_deg) * metres_per_degree,
         lambda metres: metres / metres_per_degree + origin_deg,
     )
-
-
-def _metres_per_degree(latitude_deg: float) -> tuple[float, float]:
-    """Metres for a degree to the east and to the north, on the ellipsoid at this latitude.
-
-    At a pole the first is kept above zero, so that there is something to draw.
-    """
-    latitude = math.radians(latitude_deg)
-    x = 1.0 - _EARTH_E2 * math.sin(latitude) ** 2
-    prime_vertical_m = _EARTH_RADIUS_M / math.sqrt(x)
-    meridian_m = prime_vertical_m * (1.0 - _EARTH_E2) / x
-    east_m = max(prime_vertical_m * math.cos(latitude), 1.0)
-    return math.radians(east_m), math.radians(meridian_m)
