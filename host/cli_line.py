@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from host.commands import Command
     from host.record import Recorder
 
+# Ten headings and rates of turn a second fill the 4800 baud that NMEA 0183 began with.
+NMEA_BAUDS = (38_400, 4800)
+
 
 def add_to(commands: Any, say: Callable[[str], None]) -> None:
     """Adds the commands to the parser; what they have to say goes to `say`."""
@@ -70,6 +73,10 @@ def add_outlet_options(parser: argparse.ArgumentParser) -> None:
     """Who else hears the line while it is recorded."""
     text = "give other receivers the line at socket://HOST:PORT, and take their commands; 0: any free port"
     parser.add_argument("--share", metavar="[HOST:]PORT", help=text)
+    text = "send NMEA 0183 heading, rate of turn, position and speed to udp://HOST:PORT or a serial port"
+    parser.add_argument("--nmea", metavar="TO", help=text)
+    text = "rate of that serial port; default: %(default)s"
+    parser.add_argument("--nmea-baud", type=int, choices=NMEA_BAUDS, default=NMEA_BAUDS[0], help=text)
 
 
 @contextmanager
@@ -78,11 +85,16 @@ def outlets(arguments: argparse.Namespace, recorder: Recorder, tell: Callable[[s
 
     What is worth knowing goes to `tell`, from any thread. Raises UsageError where something cannot be opened.
     """
+    from host.conning import Conning
+    from host.outlet import Outlet, open_target
     from host.share import Share
 
     with ExitStack() as stack:
         if arguments.share is not None:
             recorder.add_listener(stack.enter_context(Share(arguments.share, recorder.send, tell)))
+        if arguments.nmea is not None:
+            target = open_target(arguments.nmea, arguments.nmea_baud)
+            recorder.add_listener(Conning(stack.enter_context(Outlet(target, tell)).put))
         yield
 
 

@@ -102,6 +102,14 @@ class Link:
                 raise LinkLost(_reason(error)) from None
         return data
 
+    @property
+    def unsent_bytes(self) -> int:
+        """Bytes that were written and still wait in the system; 0 where that cannot be seen."""
+        try:
+            return int(self._serial.out_waiting)
+        except (OSError, AttributeError, TypeError):
+            return 0
+
     def write(self, data: bytes) -> None:
         """Sends the bytes.
 
@@ -112,7 +120,7 @@ class Link:
             self._serial.write(data)
         except serial.SerialTimeoutException:
             raise UsageError(
-                f"port {self.port}: expected that the board takes what is sent, found that it reads nothing"
+                f"port {self.port}: expected that its other end takes what is sent, found that it reads nothing"
             ) from None
         except (OSError, TypeError) as error:
             self._lose()
