@@ -257,10 +257,15 @@ def unique_names(kernels: list[TypedKernel]) -> dict[TypedKernel, str]:
     names: dict[TypedKernel, str] = {}
     taken: set[str] = set()
     for kernel in kernels:
-        name, number = kernel.name, 1
-        while name in taken:
-            number += 1
-            name = f"{kernel.name}_{number}"
-        taken.add(name)
-        names[kernel] = name
+        names[kernel] = unique_name(kernel.name, taken)
     return names
+
+
+def unique_name(wanted: str, taken: set[str]) -> str:
+    """A name that is not ``taken``, and is then: the wanted one, with a number where it must be."""
+    name, number = wanted, 1
+    while name in taken:
+        number += 1
+        name = f"{wanted}_{number}"
+    taken.add(name)
+    return name

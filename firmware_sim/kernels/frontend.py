@@ -32,6 +32,10 @@ from firmware_sim.kernels.scope import excerpt
 
 _LOCAL_ARRAYS: dict[object, Scalar] = {language.zeros: FLOAT, language.int_zeros: INT}
 
+_MOST_NESTED_STATEMENTS = 80
+_MOST_NESTED_EXPRESSIONS = 128
+"""What Python itself still reads of the text that the lowerings make."""
+
 _being_read: list[Kernel] = []
 
 
@@ -41,11 +45,30 @@ def read_kernel(kernel: Kernel) -> TypedKernel:
     if kernel in _being_read:
         circle = [*_being_read[_being_read.index(kernel) :], kernel]
         raise reader.refusal(reader.definition, f"recursion is not admitted: {' -> '.join(k.__name__ for k in circle)}")
+    _check_nesting(reader)
     _being_read.append(kernel)
     try:
         return reader.read()
     finally:
         _being_read.pop()
+
+
+def _check_nesting(reader: _KernelReader) -> None:
+    """Raises KernelError for a kernel whose statements or expressions are nested too deeply for what comes."""
+    waiting: list[tuple[ast.AST, int, int]] = [(node, 1, 0) for node in reader.definition.body]
+    while waiting:
+        node, statements, expressions = waiting.pop()
+        for depth, most, what in (
+            (statements, _MOST_NESTED_STATEMENTS, "statements (an elif is one in the one before)"),
+            (expressions, _MOST_NESTED_EXPRESSIONS, "expressions (a term is one with all before it)"),
+        ):
+            if depth > most:
+                raise reader.refusal(node, f"expected at most {most} {what} inside each other, found more")
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.stmt):
+                waiting.append((child, statements + 1, 0))
+            elif isinstance(child, ast.expr):
+                waiting.append((child, statements, expressions + 1))
 
 
 class _KernelReader(ExpressionReader):

@@ -10,7 +10,7 @@ from firmware_sim.kernels.expressions import Compare, Element, Scalar, TableElem
 from firmware_sim.kernels.flat import Branch, CallKernel, FlatStatement, Loop, Origin, Set, constant_index
 from firmware_sim.kernels.flatten import flatten
 from firmware_sim.kernels.liveness import Live, Liveness, Place
-from firmware_sim.kernels.memory_c3x import Frame, Pools, symbol_of
+from firmware_sim.kernels.memory_c3x import Frame, Pools
 from firmware_sim.kernels.schedule_c3x import schedule
 from firmware_sim.kernels.values import RunBuilder, split_index
 
@@ -106,7 +106,7 @@ class KernelCoder:
 
     def _new_label(self) -> str:
         self._labels += 1
-        return f"{self.frame.name}_{self._labels}"
+        return self.pools.fresh(f"{self.frame.name}_{self._labels}")
 
     def _branch(
         self,
@@ -177,7 +177,7 @@ class KernelCoder:
         self._lines = outer
         if not body or not isinstance(body[-1], Instruction):
             body.append(Instruction("NOP", (), loop.origin))
-        self._lines += [*body[:-1], Label(last), body[-1], Label(f"{last}_end")]
+        self._lines += [*body[:-1], Label(last), body[-1], Label(self.pools.fresh(f"{last}_end"))]
 
     def _array_pointers(self, loop: Loop) -> dict[str, tuple[str, int]]:
         """The first few arrays and tables that the body reaches through an index, with the registers for them."""
@@ -211,7 +211,7 @@ class KernelCoder:
             own = f"{self.frame.name}."
             name = name if name.startswith(own) else own + name
             self.pools.frame_of(storage, self.frame).add(name, storage.words)
-        return Memory(symbol_of(name), place[1] * (2 if storage.is_wide else 1))
+        return Memory(self.pools.symbol_of(name), place[1] * (2 if storage.is_wide else 1))
 
     def _is_far(self, array: str) -> bool:
         return self._flat.storages[array].is_far
@@ -226,9 +226,9 @@ class KernelCoder:
         free = self._spills.setdefault(words, [])
         if free:
             return free.pop()
-        name = f"{self.frame.name}.spill{self.frame.words}"
+        name = f"{self.frame.name}..spill{self.frame.words}"  # as no variable is called
         self.frame.add(name, words)
-        return Memory(symbol_of(name))
+        return Memory(self.pools.symbol_of(name))
 
     def free_spill(self, memory: Memory, words: int) -> None:
         self._spills.setdefault(words, []).append(memory)

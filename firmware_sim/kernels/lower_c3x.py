@@ -35,7 +35,7 @@ from firmware_sim.kernels.expressions import (
 from firmware_sim.kernels.flatten import REGISTERS, can_be_called
 from firmware_sim.kernels.kernel_coder_c3x import KernelCoder
 from firmware_sim.kernels.language import Kernel, KernelError
-from firmware_sim.kernels.memory_c3x import Frame, Pools, symbol_of, word_of
+from firmware_sim.kernels.memory_c3x import Frame, Pools, word_of
 from firmware_sim.kernels.text_c3x import text_of
 
 ON_CHIP: Final = 0x87FE00
@@ -202,10 +202,10 @@ class _ProgramWriter:
         addresses = {name: first + offset for name, (offset, _) in pools.arrays.symbols.items()}
         addresses |= {name: FAR + offset for name, (offset, _) in pools.far.symbols.items()}
         lines = ["; Compiled from Python kernels.", ""]
-        lines += _placed(pools.arrays, first) + _placed(pools.far, FAR)
+        lines += self._placed(pools.arrays, first) + self._placed(pools.far, FAR)
         lines += [f"{label:<39} .set    0{constants_at + n:X}h" for n, label in enumerate(pools.constants.values())]
         for frame in self._frames.values():
-            lines += _placed(frame, frames_at + frame.base)
+            lines += self._placed(frame, frames_at + frame.base)
         lines += self._data_text()
         lines += ["", '            .sect   "kernels"']
         for name, code in self._code.items():
@@ -226,6 +226,12 @@ class _ProgramWriter:
             loops=self._loops,
         )
 
+    def _placed(self, frame: Frame, base: int) -> list[str]:
+        return [
+            f"{self._pools.symbol_of(name):<39} .set    0{base + offset:X}h"
+            for name, (offset, _) in frame.symbols.items()
+        ]
+
     def _data_text(self) -> list[str]:
         """The constants, in the order of their places, and the tables."""
         lines = ["", '            .sect   "constants"', "            .global kernel_constants", "kernel_constants:"]
@@ -236,7 +242,3 @@ class _ProgramWriter:
             lines.append(f"{label}:")
             lines += [f"            .word   0{word_of(kind, value):08X}h              ; {value!r}" for value in values]
         return lines
-
-
-def _placed(frame: Frame, base: int) -> list[str]:
-    return [f"{symbol_of(name):<39} .set    0{base + offset:X}h" for name, (offset, _) in frame.symbols.items()]

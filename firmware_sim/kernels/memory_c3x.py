@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from firmware_sim.c3x import floats
 from firmware_sim.kernels.code_c3x import Memory
-from firmware_sim.kernels.expressions import Scalar, TypedKernel
+from firmware_sim.kernels.expressions import ArrayType, Scalar, TypedKernel, unique_name
 from firmware_sim.kernels.flat import Origin, Storage
 from firmware_sim.kernels.language import KernelError
 from firmware_sim.kernels.machines import C3X
@@ -31,7 +31,7 @@ class Frame:
 class Pools:
     """What all kernels of a program share."""
 
-    def __init__(self, roots: Iterable[TypedKernel]) -> None:
+    def __init__(self, roots: Sequence[TypedKernel]) -> None:
         self.arrays = Frame("arrays")
         self.far = Frame("far")
         kinds: dict[str, set[str]] = {}
@@ -42,6 +42,23 @@ class Pools:
         self.constants: dict[str, str] = {}  # text of the word -> label
         self.meanings: dict[str, str] = {}  # label -> the number
         self.tables: dict[tuple[Scalar, tuple[float, ...]], str] = {}
+        self._symbols: dict[str, str] = {}  # name of a storage -> its name in the assembly
+        self._taken: set[str] = set()
+        # The assembly around the kernels knows these by their plain names: they come first.
+        for root in roots:
+            for name, kind in root.parameters:
+                if isinstance(kind, ArrayType):
+                    self.symbol_of(self.array_name(root, name))
+
+    def symbol_of(self, name: str) -> str:
+        """A name of a storage as the assembler takes it: no two have one symbol."""
+        if name not in self._symbols:
+            self._symbols[name] = self.fresh("v_" + name.replace("..", ".").replace(".", "_"))
+        return self._symbols[name]
+
+    def fresh(self, wanted: str) -> str:
+        """A symbol that nothing else has."""
+        return unique_name(wanted, self._taken)
 
     def frame_of(self, storage: Storage, near: Frame) -> Frame:
         """Where a storage goes: to ``near``, on chip, or for a large one to the external memory."""
@@ -70,11 +87,6 @@ class Pools:
     def table_symbol(self, values: tuple[float, ...], kind: Scalar) -> str:
         """The label of a read-only table."""
         return self.tables.setdefault((kind, values), f"table_{len(self.tables)}")
-
-
-def symbol_of(name: str) -> str:
-    """A name of a storage as the assembler takes it."""
-    return "v_" + name.replace(".", "_")
 
 
 def word_of(kind: Scalar, value: float) -> int:

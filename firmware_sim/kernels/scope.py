@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import ast
 import builtins
-import functools
 import math
 import types
-from pathlib import Path
 
 from firmware_sim.kernels.expressions import ArrayType, Constant, Scalar
 from firmware_sim.kernels.intrinsics import INT_MAX, INT_MIN
 from firmware_sim.kernels.language import Kernel, KernelError
-
-
-@functools.cache
-def _parsed(file: str) -> ast.Module:
-    return ast.parse(Path(file).read_text(encoding="utf-8"), file)
+from firmware_sim.kernels.source_text import syntax_of
 
 
 class Scope:
@@ -42,7 +36,7 @@ class Scope:
     def _find_definition(self) -> ast.FunctionDef:
         code = self.kernel.function.__code__
         try:
-            module = _parsed(self.file)
+            module = syntax_of(self.file)
         except OSError as error:
             raise self._refusal_at(0, f"its source cannot be read: {error}") from error
         for node in module.body:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from pathlib import Path
 
 from firmware_sim.kernels.code_c3x import Jump, Label, Line
 from firmware_sim.kernels.flat import Origin
+from firmware_sim.kernels.source_text import lines_of
 
 
 def text_of(code: Sequence[Line]) -> list[str]:
@@ -29,11 +29,6 @@ def text_of(code: Sequence[Line]) -> list[str]:
     return lines
 
 
-@functools.cache
-def _lines_of(file: str) -> list[str]:
-    return Path(file).read_text(encoding="utf-8").splitlines()
-
-
 def source_line(origin: Origin) -> str:
-    text = _lines_of(origin.file)
+    text = lines_of(origin.file)
     return text[origin.line - 1].strip() if 0 < origin.line <= len(text) else ""

@@ -11,8 +11,30 @@ SIZE = 4  # of arrays and tables: indices are masked with 3
 _COMPARISONS = ("==", "!=", "<", "<=", ">", ">=")
 
 
+# Calls with an effect: whatever is evaluated before them keeps its value, and what comes behind sees theirs.
+WRITERS = """\
+@kernel
+def stir(u: Real[4], x: float) -> float:
+    u[3] = u[0]
+    u[0] = u[1] - x
+    return u[2] + x
+
+
+@kernel
+def tally(d: Int[4], m: int) -> int:
+    d[1] = d[1] + 1
+    d[0] = d[0] ^ m
+    return d[1]
+
+
+"""
+
+
 class KernelWriter:
-    """Writes one kernel; ``callees`` are kernels (float, int) -> float that it may call."""
+    """Writes one kernel; ``callees`` are kernels (float, int) -> float that it may call.
+
+    A kernel that is no helper also calls those of WRITERS.
+    """
 
     def __init__(self, seed: int, callees: tuple[str, ...] = ()) -> None:
         self._random = random.Random(seed)
@@ -33,7 +55,7 @@ class KernelWriter:
             "    z = zeros(4)",
             "    y = zeros(70)",
             *self._block(1, self._random.randint(5, 9)),
-            f"    return {self._float(2)}, {self._int(2)}",
+            f"    return {self._returned()}",
         ]
         return "\n".join(lines) + "\n\n\n"
 
@@ -88,13 +110,27 @@ class KernelWriter:
 
     # -- expressions
 
+    def _returned(self) -> str:
+        """Both results, mostly with calls that write what the other one reads."""
+        first, second = self._float(2), self._int(2)
+        if self._random.random() < 0.7:
+            first = f"({self._element()} + stir({self._random.choice('vz')}, {self._float(1)}))"
+        if self._random.random() < 0.7:
+            second = f"(c[{self._index()}] ^ {self._tally()})"
+        return f"{first}, {second}"
+
+    def _tally(self) -> str:
+        return f"tally(c, {self._int(1)})"
+
     def _index(self) -> str:
         return self._random.choice(["0", "3", f"({self._int(1)} & 3)", f"({self._random.choice(INTS)} & 1) + 2"])
 
     def _element(self) -> str:
         kind = self._random.random()
         if kind < 0.3:
-            return f"w[{self._int(0)} & 1, {self._random.choice('01')}]"
+            row = self._random.choice([self._int(0), "c[1]"])
+            column = self._random.choice(["0", "1", f"{self._tally()} & 1"])
+            return f"w[{row} & 1, {column}]"
         if kind < 0.45:  # too large for an address of each element
             return self._random.choice(["y[0]", "y[69]", f"y[{self._int(0)} & 31]", f"y[({self._int(0)} & 15) + 3]"])
         return f"{self._random.choice('vz')}[{self._index()}]"
@@ -155,4 +191,4 @@ def module_source(seed: int, kernels: int) -> str:
     """A module of two helpers and some kernels ``whole0`` ... that call them."""
     helpers = "".join(KernelWriter(seed * 1000 + 900 + n).helper(f"helper{n}") for n in range(2))
     wholes = "".join(KernelWriter(seed * 1000 + n, ("helper0", "helper1")).kernel(f"whole{n}") for n in range(kernels))
-    return f"TABLE = (0.25, -1.5, 3.0, 1e4)\n\n\n{helpers}{wholes}"
+    return f"TABLE = (0.25, -1.5, 3.0, 1e4)\n\n\n{WRITERS}{helpers}{wholes}"
