@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shutil
 import signal
 import sys
 import time
@@ -29,8 +30,6 @@ _INTERRUPTED_STATUS = 130
 # A terminal shows a line that changes; a file or a build's output gets a line now and then.
 _TERMINAL_PROGRESS_S = 1.0
 _PLAIN_PROGRESS_S = 10.0
-_SILENT_S = 3.0
-_HINT = "nothing arrives: is another receiver attached, or the board silent?"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -164,9 +163,14 @@ class _Progress:
         if time.monotonic() < self._next_s:
             return
         self._next_s = time.monotonic() + self._period_s
-        text = f"{recorder.elapsed_s:.1f} s, {_HINT}" if _is_silent(recorder) else _state(recorder)
+        text = f"{recorder.elapsed_s:.1f} s, {recorder.trouble}" if recorder.trouble else _state(recorder)
         self._shown = self._is_terminal
-        _tell(f"\r{text:<78}" if self._is_terminal else text, end="" if self._is_terminal else "\n")
+        if self._is_terminal:
+            # A line that wraps cannot be written over.
+            width = shutil.get_terminal_size().columns - 1
+            _tell(f"\r{text[:width]:<{width}}", end="")
+        else:
+            _tell(text)
 
     def note(self, text: str) -> None:
         """A line of its own, from any thread."""
@@ -183,17 +187,13 @@ def _state(recorder: Recorder) -> str:
     stream, elapsed_s = recorder.stream, recorder.elapsed_s
     rate = stream.bytes / elapsed_s if elapsed_s else 0.0
     counts = f"{stream.frames.total():,} frames, {stream.lost:,} lost, {stream.decoder.damaged:,} damaged"
-    return f"{elapsed_s:.1f} s, {counts}, {rate:,.0f} bytes/s" + ("" if recorder.connected else ", no port")
+    return f"{elapsed_s:.1f} s, {counts}, {rate:,.0f} bytes/s"
 
 
 def _summary(recorder: Recorder) -> str:
     cut_off = recorder.stream.decoder.cut_off_bytes
     ending = f", cut off at the end: {cut_off:,} bytes" if cut_off else ""
-    return _state(recorder) + ending + (f"; {_HINT}" if _is_silent(recorder) else "")
-
-
-def _is_silent(recorder: Recorder) -> bool:
-    return recorder.connected and recorder.silent_s >= _SILENT_S
+    return _state(recorder) + ending + (f"; {recorder.trouble}" if recorder.trouble else "")
 
 
 if __name__ == "__main__":

@@ -188,4 +188,6 @@ def _reason(error: Exception) -> str:
         return "another program has it open"
     if isinstance(number, int):
         return os.strerror(number)
+    if "returned no data" in str(error):
+        return "it was disconnected"
     return " ".join(str(error).split()) or type(error).__name__

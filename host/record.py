@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from host.babble import PATIENCE_S, Babble
 from host.errors import UsageError
 from host.link import DEFAULT_BAUD, Link, LinkLost
 from host.log import Event, Kind
@@ -61,7 +62,7 @@ class Clock:
 
 
 class Recorder:
-    """One recording; `stream`, `elapsed_s` and `silent_s` (since something came last) say how it goes.
+    """One recording; `stream`, `elapsed_s`, `silent_s` (since something came last) and `trouble` say how it goes.
 
     `run` ends when `should_stop()` says so, after the duration, or (with `once`) when the port is gone. It raises
     UsageError when the port cannot be opened at the start or the log cannot be written. Other threads may `send` and
@@ -84,6 +85,8 @@ class Recorder:
         self._orders: queue.SimpleQueue[tuple[Kind, bytes, str]] = queue.SimpleQueue()
         self._clock = Clock()
         self._heard_s = 0.0
+        self._babble = Babble()
+        self._lost = ""
 
     @property
     def elapsed_s(self) -> float:
@@ -92,6 +95,15 @@ class Recorder:
     @property
     def silent_s(self) -> float:
         return self.elapsed_s - self._heard_s
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with the line now, in words; empty when frames arrive."""
+        if not self.connected:
+            return f"the port went away ({self._lost})" if self._lost else ""
+        if self.silent_s >= PATIENCE_S:
+            return "nothing arrives: is another receiver attached, or the board silent?"
+        return self._babble.text()
 
     def add_listener(self, listener: Listener) -> None:
         """One more listener, before the recording runs."""
@@ -127,7 +139,8 @@ class Recorder:
                 self._obey(link, log)
                 data = link.read()
             except LinkLost as lost:
-                self._keep(log, Kind.LOST, str(lost))
+                self._lost = str(lost)
+                self._keep(log, Kind.LOST, self._lost)
                 self.connected = self._reopen(link, log)
                 continue
             if data:
@@ -135,6 +148,7 @@ class Recorder:
                 self._heard_s = self.elapsed_s
                 log.data(now_ns, data)
                 arrivals = self.stream.feed(data, now_ns)
+                self._babble.hear(self._heard_s, data, self.stream.frames.total())
                 for listener in self._listeners:
                     listener.hear(now_ns, data, arrivals)
             self._progress()

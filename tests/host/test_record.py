@@ -368,3 +368,42 @@ def test_segments_are_asked_for_on_the_command_line(tmp_path: Path, kit: Any) ->
         assert process.wait(PATIENCE_S) == 0
     pty.close(remove_link=True)
     assert len(list(segments_of(log))) > 3
+
+
+def test_a_wall_clock_that_steps_back_does_not_step_the_log(
+    tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An hour back at each look at it."""
+    wall_ns = itertools.count(1_800_000_000_000_000_000, -3_600_000_000_000)
+    monkeypatch.setattr("host.record.time.time_ns", lambda: next(wall_ns))
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+    with recording(str(pty.link), log) as recorder:
+        for number in range(20):
+            pty.write(kit.Flight().frame(number))
+            wait_until(lambda number=number: recorder.stream.frames.total() == number + 1)  # type: ignore[misc]
+    pty.close(remove_link=True)
+    times_ns = [item.time_ns for item in read_log(log) if isinstance(item, Chunk | Event)]
+    assert times_ns == sorted(times_ns, key=lambda time_ns: time_ns or 0)
+    assert len(times_ns) >= 22
+
+
+def test_a_port_that_vanishes_is_named_in_the_summary(
+    tmp_path: Path, kit: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pty, log = Pty(tmp_path / "port"), tmp_path / "a.log"
+
+    def vanish() -> None:
+        wait_until(lambda: Kind.OPENED in events(log))
+        pty.write(kit.Flight().line(60))
+        wait_until(lambda: len(logged(log)) > 1000)
+        pty.close(remove_link=True)
+
+    thread = threading.Thread(target=vanish)
+    thread.start()
+    assert main(["record", str(pty.link), "--log", str(log), "--once"]) == 0
+    thread.join()
+    # Which of the two it is depends on where the reader was at that moment.
+    error = capsys.readouterr().err
+    assert error.endswith(
+        tuple(f"; the port went away ({how})\n" for how in ("Input/output error", "it was disconnected"))
+    )
