@@ -53,7 +53,7 @@ class BlockStream:
         self._stream.bytes += available - self._pending
         scan.join_chunks(data, chunks, self._line, self._pending)
         count, position, damaged, skipped = scan.scan_frames(self._line, available, self._frames)
-        self._times_ns = chunks[:, scan.TIME][np.searchsorted(ends, self._frames[:count, scan.REACH])]
+        scan.arrival_times(self._frames, count, ends, chunks, self._times_ns)
         batches = list(self._sort(count))
         pending = self._line[position:available].copy()
         self._pending = len(pending)
@@ -83,6 +83,7 @@ class BlockStream:
         self._line = line
         most = scan.most_frames(available)
         self._frames = np.empty((most, scan.FRAME_COLUMNS), np.int32)
+        self._times_ns = np.empty(most, np.int64)
         self._placed = np.empty(most, np.int64)
         self._held = np.empty(most, np.int64)
         self._irregular = np.empty((most, scan.IRREGULAR_COLUMNS), np.int64)

@@ -236,6 +236,16 @@ def scan_frames(line: Bytes, available: int, frames: NDArray[np.int32]) -> tuple
 
 
 @_kernel
+def arrival_times(frames: NDArray[np.int32], count: int, ends: Numbers, chunks: Numbers, times: Numbers) -> None:
+    """Host times of the chunks that brought frames[:count]; `ends` says how far the line came with each chunk."""
+    chunk = 0
+    for number in range(count):
+        while ends[chunk] < frames[number, REACH]:
+            chunk += 1
+        times[number] = chunks[chunk, TIME]
+
+
+@_kernel
 def _is_known(line: Bytes, at: int, length: int, known: Bytes, known_at: NDArray[np.int32]) -> bool:
     """Whether this payload of a description is the very one that is known for its frame type and field."""
     if length < 2:
@@ -365,17 +375,51 @@ def _integer(payload: Bytes, at: int, code: int) -> Any:
 
 
 @_kernel
-def extremes(values: NDArray[np.float64], starts: Numbers, lowest: Numbers, highest: Numbers) -> None:
+def find_extremes(values: NDArray[np.float64], starts: Numbers, lowest: Numbers, highest: Numbers) -> None:
     """Place of the least and of the greatest value in each group; a group ends where the next one starts.
 
-    Nothing is less or greater than nan; a group of nan alone gives its first place.
+    `starts` ends with the place behind the last group. Nothing is less or greater than nan; a group of nan alone gives
+    its first place.
     """
-    for group in range(len(starts)):
-        stop = starts[group + 1] if group + 1 < len(starts) else len(values)
+    for group in range(len(starts) - 1):
         low = high = starts[group]
-        for at in range(starts[group] + 1, stop):
+        for at in range(low + 1, starts[group + 1]):
             if values[at] < values[low] or np.isnan(values[low]):
                 low = at
             if values[at] > values[high] or np.isnan(values[high]):
                 high = at
         lowest[group], highest[group] = low, high
+
+
+@_kernel
+def reduce_groups(
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    starts: Numbers,
+    lowest: NDArray[np.float64],
+    highest: NDArray[np.float64],
+) -> None:
+    """The least of `low` and the greatest of `high` (columns x n) in each group (columns x groups).
+
+    Groups and nan as in find_extremes; without the places it takes a quarter of the time.
+    """
+    for column in range(len(low)):
+        lows, highs = low[column], high[column]
+        for group in range(len(starts) - 1):
+            least_even = least_odd = np.inf
+            most_even = most_odd = -np.inf
+            at, stop = np.uint64(starts[group]), np.uint64(starts[group + 1])
+            # Two at a time: neither has to wait for the other.
+            while at + np.uint64(1) < stop:
+                following = at + np.uint64(1)
+                least_even = lows[at] if lows[at] < least_even else least_even
+                least_odd = lows[following] if lows[following] < least_odd else least_odd
+                most_even = highs[at] if highs[at] > most_even else most_even
+                most_odd = highs[following] if highs[following] > most_odd else most_odd
+                at += np.uint64(2)
+            if at < stop:
+                least_even = lows[at] if lows[at] < least_even else least_even
+                most_even = highs[at] if highs[at] > most_even else most_even
+            least, most = min(least_even, least_odd), max(most_even, most_odd)
+            lowest[column, group] = least if least < np.inf else np.nan
+            highest[column, group] = most if most > -np.inf else np.nan

@@ -160,8 +160,7 @@ def _file_name(table: Table) -> str:
 
 
 def _csv(table: Table, start_s: float, stop_s: float) -> Iterator[str]:
-    rows = table.window(start_s, stop_s, requests.MOST_POINTS**2)
-    rows = rows[:, (start_s <= rows[0]) & (rows[0] <= stop_s)]
     yield ",".join(f'"{name}"' for name in table.titles) + "\n"
-    for row in rows.T.tolist():
-        yield ",".join("" if math.isnan(value) else repr(value) for value in row) + "\n"
+    for rows in table.rows(start_s, stop_s):
+        for row in rows.T.tolist():
+            yield ",".join("" if math.isnan(value) else repr(value) for value in row) + "\n"

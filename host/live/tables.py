@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from host.batch import Batch
 from host.curves import Columns, Plan, described_plan, is_navigation, navigation_plans, time_field
+from host.history import History
 from host.live import messages
-from host.live.history import History
 from host.schema import Field, Kind, Layout
 
 Floats = NDArray[np.float64]
@@ -26,26 +26,23 @@ class Table:
         self.names = (Columns.TIME, *(field.name for field in layout.fields), *_lanes(layout))
         self.first_s: float | None = None
         self.last_s: float | None = None
-        self._columns = Columns()
-        self._history = History(len(self.names))
+        self._history = History(layout, self.names)
 
     @property
     def session_starts(self) -> list[float]:
         """Board times at which the board or the recording started again."""
-        return self._columns.session_starts
+        return self._history.columns.session_starts
 
     @property
     def titles(self) -> list[str]:
         """The names of the columns with their units."""
         fields = self.layout.by_name
         own = [fields[name].title if name in fields else name for name in self.names[1:]]
-        return [self._columns.time_title, *own]
+        return [self._history.columns.time_title, *own]
 
     def add(self, batch: Batch) -> Floats:
         """Takes frames that follow; gives their rows (names x frames)."""
-        columns = self._columns.of(batch)
-        rows = np.stack([columns[name] for name in self.names])
-        self._history.add(rows)
+        rows = self._history.add(batch)
         self.first_s = float(rows[0, 0]) if self.first_s is None else self.first_s
         self.last_s = float(rows[0, -1])
         return rows
@@ -53,6 +50,10 @@ class Table:
     def window(self, start_s: float, stop_s: float, points: int) -> Floats:
         """The curves between two board times in about so many points: each stretch by its least and greatest values."""
         return self._history.window(start_s, stop_s, points)
+
+    def rows(self, start_s: float, stop_s: float) -> Iterator[Floats]:
+        """Every frame between two board times, in pieces (names x frames)."""
+        return self._history.rows(start_s, stop_s)
 
     def described(self) -> dict[str, Any]:
         """What a page must know to draw this table, for JSON."""
@@ -64,7 +65,7 @@ class Table:
             "names": self.names,
             "isNavigation": is_navigation(layout),
             "time": _name_of(time_field(layout)),
-            "timeTitle": self._columns.time_title,
+            "timeTitle": self._history.columns.time_title,
             "first": self.first_s,
             "last": self.last_s,
             "fields": {field.name: _field(field) for field in layout.fields},
