@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from host.errors import UsageError
 from host.frames import Decoder
 from host.log import Chunk, Damage, Event, Item, Kind, LogBlock, is_log, log_blocks, read_log
 from host.scan import KIND, TIME
+from host.segments import segments_of
 from host.stream import Stream
 
 _BLOCK_BYTES = 1 << 21
@@ -25,14 +27,19 @@ BATCH_FRAMES = 4096
 
 @dataclass(frozen=True)
 class Source:
-    """A file that holds what a line said. `items` and `batches` read it from its beginning, in constant memory."""
+    """A file that holds what a line said, a log with the segments that go on with it.
+
+    `items` and `batches` read from its beginning, in constant memory.
+    """
 
     path: Path
     is_log: bool
 
     def items(self) -> Iterator[Item]:
         """What the file holds, in its order; a raw file has chunks without time only."""
-        return read_log(self.path) if self.is_log else _read_raw(self.path)
+        if not self.is_log:
+            return _read_raw(self.path)
+        return chain.from_iterable(map(read_log, segments_of(self.path)))
 
     def batches(self, recording: Recording) -> Iterator[Batch]:
         """All frames that can be decoded.
@@ -40,7 +47,7 @@ class Source:
         The frames of a type keep their order; a batch has at least BATCH_FRAMES of them, unless it is the last of its
         layout and session. `recording` keeps the books and is complete at the end.
         """
-        blocks = log_blocks(self.path, _BLOCK_BYTES) if self.is_log else _raw_blocks(self.path)
+        blocks = _log_blocks(self.path) if self.is_log else _raw_blocks(self.path)
         waiting: dict[int, list[Batch]] = {}
         for batch in recording.batches(blocks):
             same = waiting.setdefault(batch.layout.type, [])
@@ -120,6 +127,11 @@ def utc_text(time_ns: int) -> str:
     """A host time as people read it: UTC, to the millisecond."""
     whole = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC)
     return f"{whole:%Y-%m-%d %H:%M:%S}.{time_ns // 1_000_000 % 1000:03d} UTC"
+
+
+def _log_blocks(path: Path) -> Iterator[LogBlock]:
+    for segment in segments_of(path):
+        yield from log_blocks(segment, _BLOCK_BYTES)
 
 
 def _raw_blocks(path: Path) -> Iterator[LogBlock]:

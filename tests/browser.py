@@ -80,6 +80,15 @@ def wait_until(condition: Callable[[], bool]) -> None:
 
 
 @contextmanager
+def board(line: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """A virtual board in real time whose line has its link."""
+    arguments = ("-m", "firmware_sim.cli", "run", "sway", "--duration", "600", "--pty", line, "--rt", "1", *options)
+    with process(*arguments) as running:
+        wait_until(line.is_symlink)
+        yield running
+
+
+@contextmanager
 def served(*arguments: str | Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """`nav-host live` with its address."""
     with process("-m", "host.cli", "live", *arguments, "--http", "127.0.0.1:0") as running:

@@ -63,8 +63,7 @@ class Feed:
         table, rows = self.tables.add(batch)
         if len(self.tables) > known:
             yield layout_message(table)
-        heard_ns = batch.times_ns[-1]
-        yield messages.table("rows", rows, table=table.number, heardNs=heard_ns)
+        yield messages.table("rows", rows, table=table.number, heardNs=batch.times_ns[0])
 
     def greeting(self) -> list[str | bytes]:
         """What a new page must know of the past."""

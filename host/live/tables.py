@@ -78,6 +78,8 @@ class Tables:
 
     def __init__(self) -> None:
         self._tables: dict[Layout, Table] = {}
+        # A layout is a large key: the same object is known by itself.
+        self._last: tuple[Layout, Table] | None = None
 
     def __iter__(self) -> Iterator[Table]:
         return iter(self._tables.values())
@@ -90,10 +92,15 @@ class Tables:
 
     def add(self, batch: Batch) -> tuple[Table, Floats]:
         """The table that the frames belong to, and their rows in it."""
-        table = self._tables.get(batch.layout)
-        if table is None:
-            table = self._tables[batch.layout] = Table(len(self._tables), batch.layout)
+        if self._last is None or self._last[0] is not batch.layout:
+            self._last = batch.layout, self._table_of(batch.layout)
+        table = self._last[1]
         return table, table.add(batch)
+
+    def _table_of(self, layout: Layout) -> Table:
+        if layout not in self._tables:
+            self._tables[layout] = Table(len(self._tables), layout)
+        return self._tables[layout]
 
 
 def plans_of(layout: Layout) -> list[Plan]:

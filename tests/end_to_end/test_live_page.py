@@ -6,9 +6,7 @@ import csv
 import io
 import os
 import signal
-import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +20,13 @@ from tests.browser import (
     READ_NUMBERS,
     SHOWN,
     as_shown,
+    board,
     page_of,
-    process,
     rows_of,
     served,
     until,
     wait_until,
 )
-
-
-@contextmanager
-def board(line: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
-    """A virtual board in real time whose line has its link."""
-    arguments = ("-m", "firmware_sim.cli", "run", "sway", "--duration", "600", "--pty", line, "--rt", "1", *options)
-    with process(*arguments) as running:
-        wait_until(line.is_symlink)
-        yield running
 
 
 @pytest.fixture(scope="module")

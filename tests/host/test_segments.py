@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from host.errors import UsageError
 from host.log import Chunk, Event, Kind, LogWriter, read_log
 from host.segments import Limits, SegmentWriter, last_segment, segments_of
+from host.source import Recording, open_source
 
 SECOND_NS = 1_000_000_000
 
@@ -37,6 +39,21 @@ def test_files_are_limited_in_size_and_lose_nothing_between_them(tmp_path: Path)
     assert b"".join(data_of(segment) for segment in segments_of(path)) == expected
     # A chunk of 100 bytes has 19 beside them: the last one may begin just below the limit.
     assert all(segment.stat().st_size < 500 + 119 for segment in segments_of(path))
+
+
+def test_the_segments_are_read_as_one(tmp_path: Path, kit: Any) -> None:
+    """A frame that lies across the border of two files is whole, and the descriptions hold for all of them."""
+    path, line = tmp_path / "flight.log", kit.Flight().line(300, described_every=1000)
+    with SegmentWriter(path, Limits(bytes=3000)) as log:
+        log.event(0, Kind.OPENED, "port")
+        for start in range(0, len(line), 333):
+            log.data(start, line[start : start + 333])
+    assert len(names(path)) > 9
+    recording = Recording()
+    frames = [number for batch in open_source(path).batches(recording) for number in batch.columns["sequence"].tolist()]
+    assert frames == list(range(300))
+    assert (recording.stream.lost, recording.stream.decoder.damaged, len(recording.stream.sessions)) == (0, 0, 1)
+    assert b"".join(item.data for item in open_source(path).items() if isinstance(item, Chunk)) == line
 
 
 def test_files_are_limited_in_time(tmp_path: Path) -> None:
