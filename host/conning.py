@@ -8,13 +8,14 @@ status V, and position, course and speed say that there are none.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 from host import nmea
 from host.curves import time_field
 from host.log import Event
-from host.schema import Field, Kind, Layout
+from host.schema import FIELD_TYPES, Field, Kind, Layout
 from host.stream import Arrival
 
 _HEADING_PERIOD_NS = 100_000_000
@@ -36,6 +37,9 @@ _VALID_MODE = "navigate"
 # Flags of the data sheet under which the solution of a frame is not one; of these the first leaves the position good.
 _NO_HEADING = frozenset(("gimbal", "pole", "no samples", "sensor saturated", "channel fault"))
 _NO_POSITION = _NO_HEADING - {"gimbal"}
+
+# A payload of one byte. Decoding is compiled at its first use, which must not be in the recorder's thread.
+_SMALLEST = Layout(255, "", (Field("byte", FIELD_TYPES[1], 0, Kind.QUANTITY, 1.0, "", "", ()),))
 
 Put = Callable[[str, str], None]
 
@@ -80,8 +84,13 @@ class _Reader:
             "heading" in self._factors or self._factors.keys() >= {"latitude", "longitude"}
         )
 
-    def read(self, payload: bytes) -> _State:
-        values = self._layout.decode_values(payload)
+    def read(self, payloads: Sequence[bytes]) -> Iterator[_State]:
+        """The states of frames, in their order."""
+        columns = {name: column.tolist() for name, column in self._layout.decode(payloads).items()}
+        for row in range(len(payloads)):
+            yield self._state({name: column[row] for name, column in columns.items()})
+
+    def _state(self, values: Mapping[str, float]) -> _State:
         flags = set(self._flags.words(int(values["flags"])).split("|")) if self._flags else set()
         navigates = self._mode is None or self._mode.words(int(values["mode"])) == _VALID_MODE
         return _State(
@@ -116,6 +125,7 @@ class Conning:
 
     def __init__(self, put: Put) -> None:
         self._put = put
+        _SMALLEST.decode([b"\0"])
         self._readers: dict[int, tuple[Layout, _Reader]] = {}
         self._turn = nmea.RateOfTurn()
         self._session: int | None = None
@@ -124,13 +134,12 @@ class Conning:
 
     def hear(self, time_ns: int, data: bytes, arrivals: Sequence[Arrival]) -> None:
         state = None
-        for arrival in arrivals:
-            reader = self._reader(arrival.layout)
+        for reader, group in groupby(arrivals, lambda arrival: self._reader(arrival.layout)):
             # A frame that waited for its description may be older.
-            is_fresh = arrival.time_ns is not None and time_ns - arrival.time_ns < MAX_AGE_NS
-            if reader.is_of_use and is_fresh:
-                state = reader.read(arrival.payload)
-                self._follow(state, arrival.session)
+            fresh = [a for a in group if a.time_ns is not None and time_ns - a.time_ns < MAX_AGE_NS]
+            if fresh and reader.is_of_use:
+                for arrival, state in zip(fresh, reader.read([a.payload for a in fresh]), strict=True):
+                    self._follow(state, arrival.session)
         if state is not None:
             self._say(time_ns, state)
 

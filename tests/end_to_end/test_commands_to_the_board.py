@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from host.cli import main as nav_host
+from host.stream import Stream
 from tests.end_to_end.line_reader import frames_of
 from tests.end_to_end.test_board_and_host import board, wait_for_link
+from tests.host.test_record import PATIENCE_S, logged, program
 
 START = ["start", "--latitude", "55.75", "--longitude", "-37.6", "--heading", "350", "--vel-north", "0.5"]
 
@@ -50,8 +52,6 @@ def test_commands_are_obeyed_or_refused_as_the_host_says(
         output = capsys.readouterr()
         assert said in output.out + output.err
     assert nav_host(["record", str(line), "--log", str(log), "--duration", "2"]) == 0
-    from tests.host.test_record import logged
-
     raw.write_bytes(logged(log))
     last = frames_of(raw)[-1]
     assert last["mode"] == 3
@@ -59,3 +59,24 @@ def test_commands_are_obeyed_or_refused_as_the_host_says(
     assert last["latitude"] == pytest.approx(55.75, abs=1e-3)
     assert last["longitude"] == pytest.approx(-37.6, abs=1e-3)
     assert last["heading"] == pytest.approx(350.0, abs=0.1)
+
+
+def test_a_command_through_a_recording_that_shares_its_line(
+    tmp_path: Path, line: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two recordings of one board, and a start between them."""
+    first, second = tmp_path / "first.log", tmp_path / "second.log"
+    with program("record", str(line), "--log", str(first), "--share", "0") as recorder:
+        assert recorder.stderr is not None
+        url = recorder.stderr.readline().removeprefix("shared at ").strip()
+        assert nav_host(["send", url, *START, "--wait", "60"]) == 0
+        assert capsys.readouterr().out == "start: done\n"
+        assert nav_host(["record", url, "--log", str(second), "--duration", "3"]) == 0
+        recorder.terminate()
+        assert recorder.wait(PATIENCE_S) == 0
+    heard = logged(second)
+    assert heard in logged(first)
+    stream = Stream()
+    last = [arrival for arrival in stream.feed(heard) if arrival.layout.name == "navigation"][-1]
+    assert last.layout.decode_values(last.payload)["mode"] == 3
+    assert stream.lost == 0
