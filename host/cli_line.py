@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -93,6 +94,8 @@ def outlets(arguments: argparse.Namespace, recorder: Recorder, tell: Callable[[s
         if arguments.share is not None:
             recorder.add_listener(stack.enter_context(Share(arguments.share, recorder.send, tell)))
         if arguments.nmea is not None:
+            if os.path.realpath(arguments.nmea) == os.path.realpath(recorder.port):
+                raise UsageError(f"--nmea {arguments.nmea}: expected another port than the one that is recorded")
             target = open_target(arguments.nmea, arguments.nmea_baud)
             recorder.add_listener(Conning(stack.enter_context(Outlet(target, tell)).put))
         yield

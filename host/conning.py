@@ -32,7 +32,7 @@ _UNITS: dict[str, dict[str, float]] = {
     "vel_north": _SPEEDS,
 }
 # What is larger is no value of these; it could not be printed in a sentence either.
-_LARGEST = {"latitude": 90.0, "longitude": 180.0, "vel_east": 10_000.0, "vel_north": 10_000.0}
+_LARGEST = {"heading": 1e6, "latitude": 90.0, "longitude": 180.0, "vel_east": 10_000.0, "vel_north": 10_000.0}
 _VALID_MODE = "navigate"
 # Flags of the data sheet under which the solution of a frame is not one; of these the first leaves the position good.
 _NO_HEADING = frozenset(("gimbal", "pole", "no samples", "sensor saturated", "channel fault"))
@@ -93,11 +93,11 @@ class _Reader:
     def _state(self, values: Mapping[str, float]) -> _State:
         flags = set(self._flags.words(int(values["flags"])).split("|")) if self._flags else set()
         navigates = self._mode is None or self._mode.words(int(values["mode"])) == _VALID_MODE
+        found = {name: values[name] * factor for name, factor in self._factors.items()}
+        time_s = float(values[self._time.name]) if self._time else 0.0
+        is_heading = abs(found.get("heading", math.inf)) <= _LARGEST["heading"] and math.isfinite(time_s)
         return _State(
-            {name: values[name] * factor for name, factor in self._factors.items()},
-            float(values[self._time.name]) if self._time else 0.0,
-            navigates and "heading" in self._factors and not flags & _NO_HEADING,
-            navigates and not flags & _NO_POSITION,
+            found, time_s, navigates and is_heading and not flags & _NO_HEADING, navigates and not flags & _NO_POSITION
         )
 
 

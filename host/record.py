@@ -89,6 +89,10 @@ class Recorder:
         self._lost = ""
 
     @property
+    def port(self) -> str:
+        return self._request.port
+
+    @property
     def elapsed_s(self) -> float:
         return self._clock.elapsed_ns() * 1e-9
 
@@ -165,8 +169,11 @@ class Recorder:
             listener.notice(event)
 
     def _obey(self, link: Link, log: SegmentWriter) -> None:
-        """Sends and marks what other threads asked for. Raises LinkLost when the port went away."""
-        while not self._orders.empty():
+        """Sends or marks one thing that other threads asked for. Raises LinkLost when the port went away.
+
+        One between two reads: whoever asks for much does not keep the line from being read.
+        """
+        if not self._orders.empty():
             kind, frame, text = self._orders.get()
             try:
                 if frame:

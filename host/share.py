@@ -26,6 +26,8 @@ from host.stream import Arrival
 # A minute or more of a serial line; the system's own buffers come on top.
 MOST_WAITING_BYTES = 1 << 22
 MOST_CLIENTS = 32
+# The board obeys one command in a tick.
+MOST_FRAMES_PER_S = 50
 _RECEIVE_BYTES = 1 << 16
 # Half a frame that is followed by nothing for so long is no frame; the board forgets one within 40 ms.
 _PAUSE_S = 1.0
@@ -46,6 +48,15 @@ class _Client:
     decoder: Decoder = field(default_factory=Decoder)
     ignored_bytes: int = 0
     heard_s: float | None = None
+    second: int = 0
+    frames: int = 0
+
+    def is_too_fast(self, now_s: float) -> bool:
+        """Counts a frame; true when there were too many in this second."""
+        if int(now_s) != self.second:
+            self.second, self.frames = int(now_s), 0
+        self.frames += 1
+        return self.frames > MOST_FRAMES_PER_S
 
     def forget_half_a_frame(self) -> None:
         self.ignored_bytes += self.decoder.skipped_bytes + self.decoder.pending_bytes
@@ -188,6 +199,9 @@ class Share:
             client.forget_half_a_frame()
         client.heard_s = now_s
         for frame in client.decoder.feed(data):
+            if client.is_too_fast(now_s):
+                self._close(client, "sends more than a board can obey")
+                return
             try:
                 self._send(encode(frame.type, frame.payload), f"{text_of(frame)}, from {client.name}")
             except UsageError as error:

@@ -147,6 +147,24 @@ def test_frames_that_no_table_knows_have_words_too() -> None:
     assert text_of(Frame(129, struct.pack("<I", 2))) == "mode 2"
 
 
+@given(st.sampled_from([0, 128, 129, 130, 255]), st.binary(max_size=40))
+def test_any_frame_has_words(frame_type: int, payload: bytes) -> None:
+    assert text_of(Frame(frame_type, payload)).isprintable()
+
+
+@given(st.tuples(*(st.floats(value.low, value.high) for value in COMMANDS["start"].values)))
+def test_a_start_comes_back_in_words_within_its_steps(numbers: tuple[float, ...]) -> None:
+    names = [value.name for value in COMMANDS["start"].values]
+    _, text = build("start", dict(zip(names, numbers, strict=True)))
+    for part, name, number in zip(text.removeprefix("start ").split(", "), names, numbers, strict=True):
+        found, value, _ = part.split(" ")
+        assert found == name
+        # 2^-29 rad and six decimals; a velocity is a whole number of mm/s.
+        step = 0.5e-3 if name.startswith("vel") else 0.6e-6
+        difference = float(value) - number
+        assert abs(math.remainder(difference, 360.0) if name == "heading" else difference) <= step
+
+
 ANSWERS = [
     (Answer(129, 0, 1), "mode: done"),
     (

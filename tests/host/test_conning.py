@@ -159,6 +159,16 @@ def test_numbers_that_cannot_be_are_none(kit: Any) -> None:
     assert ship.last("VTG").faa_mode == "N"
 
 
+@pytest.mark.parametrize("scale", [1e300, -1e300, 1e-300])
+def test_scales_that_no_board_has_raise_nothing(kit: Any, scale: float) -> None:
+    rows = tuple(kit.replace(row, scale=scale) if row.kind == 0 else row for row in kit.NAVIGATION)
+    ship = Ship(kit, rows)
+    ship.fly(100, 20_000_000)
+    ship.fly(100, 20_000_000, first=100, heading=0x7F7FFFFF)
+    assert all(pynmea2.parse(sentence) and len(sentence) <= 82 for sentence in ship.sentences)
+    assert not any("nan" in sentence or "inf" in sentence for sentence in ship.sentences)
+
+
 def test_frames_that_waited_for_their_description_are_too_old(kit: Any) -> None:
     ship = Ship(kit, ())
     ship.rows = kit.NAVIGATION

@@ -134,6 +134,15 @@ def test_a_serial_port_that_goes_away_is_opened_again(tmp_path: Path, monkeypatc
     plotter.close(remove_link=True)
 
 
+def test_a_port_that_nobody_reads_is_one_sentence(tmp_path: Path) -> None:
+    plotter = Pty(tmp_path / "plotter")
+    target = open_target(str(plotter.link), 4800)
+    with pytest.raises(UsageError, match="expected that its other end takes what is sent, found that it reads nothing"):
+        target.write(bytes(100_000))
+    target.close()
+    plotter.close(remove_link=True)
+
+
 @pytest.mark.parametrize("kind", ["udp", "serial"])
 def test_a_recording_says_its_heading(tmp_path: Path, kit: Any, kind: str) -> None:
     """The program as a whole: a board behind a pty, a plotter at UDP or behind another pty."""
@@ -169,6 +178,7 @@ MISTAKES = [
     ("udp://127.0.0.1", "expected udp://HOST:PORT with PORT from 1 to 65535"),
     ("udp://127.0.0.1:99999", "expected udp://HOST:PORT with PORT from 1 to 65535"),
     ("udp://no.such.host.invalid:10110", "--nmea udp://no.such.host.invalid:10110: no such host"),
+    ("board", "--nmea board: expected another port than the one that is recorded"),
     ("nowhere", "port nowhere: cannot be opened: No such file or directory"),
     ("nowhere --nmea-baud 9600", "invalid choice: 9600"),
 ]

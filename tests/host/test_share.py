@@ -146,6 +146,15 @@ def test_half_a_frame_does_not_wait_for_the_next_command(monkeypatch: pytest.Mon
         wait_until(lambda: len(sent) == 1)
 
 
+def test_a_flood_of_commands_is_cut_off() -> None:
+    with sharing() as (server, sent, told), closing(connect(server.url)) as client:
+        client.sendall(MODE_STANDBY * 1000)
+        wait_until(lambda: len(told) == 2)
+    assert told[1].endswith("closed: it sends more than a board can obey")
+    # One second's worth; up to two where the second changed on the way.
+    assert share.MOST_FRAMES_PER_S <= len(sent) <= 2 * share.MOST_FRAMES_PER_S
+
+
 def test_a_web_page_cannot_command_the_board() -> None:
     with sharing() as (server, sent, told), closing(connect(server.url)) as browser:
         browser.sendall(b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" + MODE_STANDBY)
