@@ -43,6 +43,9 @@ def add_to(commands: Any, say: Say) -> None:
     page = add("report", _report, "write a page of HTML with figures, timing, losses, flags and events")
     page.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE", help="page to write")
 
+    clean = add("repair", _repair, "write a log without damage from a damaged one")
+    clean.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE", help="log to write")
+
 
 def _stats(arguments: argparse.Namespace, say: Say) -> None:
     from host.analysis import analyse, as_data
@@ -77,3 +80,20 @@ def _report(arguments: argparse.Namespace, say: Say) -> None:
 
     write_report(open_source(arguments.log), arguments.output)
     say(str(arguments.output))
+
+
+def _repair(arguments: argparse.Namespace, say: Say) -> None:
+    from host.repair import repair
+    from host.source import open_source
+    from host.stats import survey
+
+    source = open_source(arguments.log)
+    done = repair(source, arguments.output)
+    say(f"{arguments.output}: {done.chunks:,} whole chunks kept")
+    if not done.stretches:
+        say("nothing was damaged")
+        return
+    say(f"damaged: {done.damaged_bytes:,} bytes in {done.stretches:,} stretches")
+    say(f"saved of them: {done.frames:,} frames, {done.line_bytes:,} bytes of the line")
+    lost = [survey(each).stream.lost for each in (source, open_source(arguments.output))]
+    say(f"frames missing in the sequence: {lost[0]:,} before, {lost[1]:,} now")

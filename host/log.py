@@ -30,12 +30,15 @@ if sys.platform != "win32":
 
 MAGIC = b"\x93NAVLOG\n"
 VERSION = 1
-_FILE_HEADER = struct.Struct("<8sI")
-_MARK = b"\xc7LOG"
-_CHUNK_HEADER = struct.Struct("<4sBHQ")
-_CRC = struct.Struct("<I")
+FILE_HEADER = struct.Struct("<8sI")
+CHUNK_MARK = b"\xc7LOG"
+CHUNK_HEADER = struct.Struct("<4sBHQ")
+CHUNK_CRC = struct.Struct("<I")
 MAX_CHUNK_BYTES = 0xFFFF
-_MAX_WHOLE_BYTES = _CHUNK_HEADER.size + MAX_CHUNK_BYTES + _CRC.size
+# How the texts of the two marks begin between which a repair put what it saved of a damaged stretch.
+REPAIRED = "repaired: "
+REPAIRED_END = "repaired until here"
+_MAX_WHOLE_BYTES = CHUNK_HEADER.size + MAX_CHUNK_BYTES + CHUNK_CRC.size
 _BLOCK_BYTES = 1 << 18
 
 
@@ -91,10 +94,10 @@ Item = Chunk | Event | Damage
 def is_log(path: Path) -> bool:
     """True when the file begins as a log does. Raises UsageError for a version that this program cannot read."""
     with path.open("rb") as file:
-        head = file.read(_FILE_HEADER.size)
+        head = file.read(FILE_HEADER.size)
     if not head.startswith(MAGIC):
         return False
-    if len(head) == _FILE_HEADER.size and (version := _FILE_HEADER.unpack(head)[1]) != VERSION:
+    if len(head) == FILE_HEADER.size and (version := FILE_HEADER.unpack(head)[1]) != VERSION:
         raise UsageError(f"{path}: expected a log of version {VERSION}, found version {version}")
     return True
 
@@ -149,10 +152,10 @@ class LogWriter:
         try:
             _lock(self._fd, path, exclusive=True)
             self._size = os.fstat(self._fd).st_size
-            if self._size < _FILE_HEADER.size:
+            if self._size < FILE_HEADER.size:
                 os.ftruncate(self._fd, 0)
                 self._size = 0
-                self._append(_FILE_HEADER.pack(MAGIC, VERSION))
+                self._append(FILE_HEADER.pack(MAGIC, VERSION))
         except BaseException:
             self.close()
             raise
@@ -176,11 +179,11 @@ class LogWriter:
     def data(self, time_ns: int, data: bytes) -> None:
         """Keeps the bytes of one read."""
         for start in range(0, len(data), MAX_CHUNK_BYTES):
-            self._append(_encode(Kind.DATA, time_ns, data[start : start + MAX_CHUNK_BYTES]))
+            self._append(encode_chunk(Kind.DATA, time_ns, data[start : start + MAX_CHUNK_BYTES]))
 
     def event(self, time_ns: int, kind: Kind, text: str) -> None:
         """Keeps what happened to the recording."""
-        self._append(_encode(kind, time_ns, text.encode("utf-8", "replace")[:MAX_CHUNK_BYTES]))
+        self._append(encode_chunk(kind, time_ns, text.encode("utf-8", "replace")[:MAX_CHUNK_BYTES]))
 
     def _append(self, record: bytes) -> None:
         rest = memoryview(record)
@@ -195,10 +198,11 @@ class LogWriter:
         self._size += len(record)
 
 
-def _encode(kind: Kind, time_ns: int, data: bytes) -> bytes:
-    head = _CHUNK_HEADER.pack(_MARK, kind, len(data), time_ns)
-    crc = zlib.crc32(data, zlib.crc32(head[len(_MARK) :]))
-    return head + data + _CRC.pack(crc)
+def encode_chunk(kind: Kind, time_ns: int, data: bytes) -> bytes:
+    """A whole chunk of at most MAX_CHUNK_BYTES."""
+    head = CHUNK_HEADER.pack(CHUNK_MARK, kind, len(data), time_ns)
+    crc = zlib.crc32(data, zlib.crc32(head[len(CHUNK_MARK) :]))
+    return head + data + CHUNK_CRC.pack(crc)
 
 
 @dataclass(frozen=True)
@@ -240,7 +244,7 @@ def log_blocks(path: Path, block_bytes: int) -> Iterator[LogBlock]:
     data = np.empty(block_bytes + _MAX_WHOLE_BYTES, np.uint8)
     chunks = np.empty((scan.most_chunks(len(data)), scan.CHUNK_COLUMNS), np.int64)
     with path.open("rb", buffering=0) as file:
-        offset = len(file.read(_FILE_HEADER.size))
+        offset = len(file.read(FILE_HEADER.size))
         rest = damaged = 0
         at_end = False
         while not at_end:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from host.curves import time_field
 from host.frames import Decoder, Frame
-from host.log import Chunk, Damage, Event, Kind
+from host.log import REPAIRED, REPAIRED_END, Chunk, Damage, Event, Kind
 from host.schema import DESCRIPTION_TYPE, SINGLE, Layout, Schema
 from host.schema import Kind as FieldKind
 from host.stream import SequenceAccount
@@ -115,6 +115,7 @@ class _Walk:
         self._before: dict[int, _Seen] = {}
         self._away = 0
         self._log_damages = 0
+        self._is_repaired = False
 
     def run(self) -> None:
         for item in self._source.items():
@@ -129,6 +130,9 @@ class _Walk:
     def _happen(self, event: Event) -> None:
         if event.kind is Kind.LOST:
             self._away += 1
+        elif event.kind is Kind.MARK and event.text.startswith((REPAIRED, REPAIRED_END)):
+            self._log_damages += 1
+            self._is_repaired = not event.text.startswith(REPAIRED_END)
         elif event.kind is Kind.OPENED:
             self._take(self._decoder.finish(), None)
             self._schema = Schema()
@@ -169,6 +173,8 @@ class _Walk:
         after = account.previous
         missing = account.see(number, 1 << 8 * size)
         before = self._before.get(layout.type)
+        # Around each frame that was saved others may be lost.
+        self._log_damages += self._is_repaired
         now = _Seen(layout, payload, time_ns, self._decoder.skipped_bytes, self._away, self._log_damages)
         self._before[layout.type] = now
         if missing and before is not None and after is not None:
