@@ -25,8 +25,10 @@ from firmware_sim.firmware.solver import Solver, Start
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, build
 from firmware_sim.plant.scenario import load_scenario
 from host.frames import Decoder
+from tests.benchmarks import live_page
 from tests.benchmarks.interpreter_loops import GOALS, instructions_per_s
 from tests.benchmarks.solver_loop import SAMPLES, fly_a_second
+from tests.browser import CHROMIUM
 from tests.firmware.fft_routine import Routine, kernel_cycles
 
 REPEATS = 5
@@ -50,6 +52,7 @@ def main() -> None:
     whole_run()
     warm_start()
     decoder()
+    page()
     interpreter()
     transform()
     memory()
@@ -125,6 +128,16 @@ def decoder() -> None:
     seconds = median_s(lambda: Decoder().feed(data))
     assert frames >= report["nav_cycles"]
     show("host: frames decoded", f"{frames / seconds / 1e3:.0f} k frames/s", "500 k frames/s")
+
+
+def page() -> None:
+    """What the operator's page costs the host at 50 frames a second, and how old a frame is in the browser."""
+    if CHROMIUM is None:
+        print("host: the page in a browser: there is no Chromium here")
+        return
+    share, median_ms, late_ms, lost = live_page.measured()
+    show("host: live page, share of a core", f"{100 * share:.1f} %", "3 %")
+    show("host: byte to browser, median", f"{median_ms:.0f} ms ({late_ms:.0f} ms at 99 %, {lost} lost)", "50 ms")
 
 
 def interpreter() -> None:

@@ -45,8 +45,3 @@ def measured() -> tuple[float, float, float, int]:
         ages: Any = sorted(page.evaluate("ages"))
         lost = int(page.inner_text('[data-line="lost"]'))
     return share, statistics.median(ages), ages[int(0.99 * len(ages))], lost
-
-
-if __name__ == "__main__":
-    share, median_ms, late_ms, lost = measured()
-    print(f"{100 * share:.1f} % of a core, {median_ms:.1f} ms median, {late_ms:.1f} ms at 99 %, {lost} lost")

@@ -31,6 +31,7 @@ const surroundings = {
   range: table => view.range(table),
   zoom: (start, stop) => view.zoom(start, stop),
   live: () => view.live(),
+  recent: table => view.recent(table),
   marks: table => (table.layout.isNavigation ? marks : []),
   sessions: () => status?.sessionStarts ?? [],
   value: (table, name) => table.value(name, rowOfNow(table)),
@@ -59,10 +60,9 @@ const heard = {
     room.style.display = "contents";
     byId("charts").append(room);
     const show = {readouts: new Readouts(table, byId("readouts")), charts: [], spectrum: null};
-    if (isSpectrum(message)) show.charts.push(show.spectrum = new Spectrum(table, room));
+    if (isSpectrum(message)) show.charts.push(show.spectrum = new Spectrum(table, room, surroundings));
     else show.charts = chartsOf(table, room, surroundings);
     shows.set(table, show);
-    want(table);
   },
   ready() { renew(); },
   behind() { renew(); },
@@ -76,7 +76,6 @@ const heard = {
     }
     table.append(message.columns, view.isFollowing);
     if (view.isFollowing) table.trim(view.range(table)[0]);
-    shows.get(table).spectrum?.take(message.columns);
     // A thinned window that has grown long is asked for anew.
     if (table.isStale && view.isFollowing) want(table);
     dirty = true;
@@ -86,7 +85,6 @@ const heard = {
     if (!table) return;
     table.asked = false;
     table.replace(message.columns, view.isFollowing && hello.mode === "line");
-    shows.get(table).spectrum?.take(message.columns);
     if (table.wanted) want(table);
     dirty = true;
   },
@@ -115,7 +113,7 @@ function renew() {
 
 // Asks for the window of now, once the answer before has come.
 function want(table) {
-  table.wanted = view.fetched(table);
+  table.wanted = shows.get(table)?.spectrum ? view.recent(table) : view.fetched(table);
   if (table.asked) return;
   const [start, stop] = table.wanted;
   table.asked = link.send({kind: "window", id: 0, table: table.layout.table, start, stop, points: POINTS});
@@ -239,4 +237,4 @@ setInterval(() => { dirty = true; }, 100);
 requestAnimationFrame(draw);
 
 // For those who look into the page with the browser's console.
-window.navHost = {tables, view, marks, link};
+window.navHost = {tables, shows, view, marks, link};

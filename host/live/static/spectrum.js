@@ -9,8 +9,9 @@ export function isSpectrum(layout) {
 }
 
 export class Spectrum {
-  constructor(table, room) {
+  constructor(table, room, surroundings) {
     this.table = table;
+    this.surroundings = surroundings;
     this.names = table.layout.names.filter(name => AMPLITUDE.test(name));
     this.width = table.layout.fields.first_frequency.scale;
     this.axes = table.layout.fields.axis?.words ?? [""];
@@ -18,8 +19,9 @@ export class Spectrum {
     this.figure = document.createElement("figure");
     this.figure.dataset.panel = "spectrum";
     const unit = table.layout.fields[this.names[0]].unit;
-    this.figure.innerHTML = "<figcaption></figcaption>";
-    this.figure.firstChild.textContent = `gyro spectrum [${unit}] over frequency [Hz]`;
+    const caption = document.createElement("figcaption");
+    caption.textContent = `gyro spectrum [${unit}] over frequency [Hz]`;
+    this.figure.append(caption);
     room.append(this.figure);
     this.unit = unit;
     new ResizeObserver(() => this.plot?.setSize(this.size())).observe(this.figure);
@@ -29,17 +31,18 @@ export class Spectrum {
 
   size() { return {width: Math.max(200, this.figure.clientWidth - 24), height: 220}; }
 
-  // Takes rows as the line brings them.
-  take(columns) {
-    const column = name => columns[this.table.index.get(name)];
-    const first = column("first_frequency"), axis = column("axis") ?? first.map(() => 0);
-    for (let row = 0; row < first.length; row++) {
-      const from = Math.round(first[row] / this.width), curve = this.curves[axis[row]];
-      if (curve) this.names.forEach((name, index) => { curve[from + index] = column(name)[row]; });
+  // The newest of each piece.
+  take() {
+    const [from, behind] = this.table.between(...this.surroundings.recent(this.table));
+    const first = this.table.column("first_frequency"), axis = this.table.column("axis");
+    for (let row = from; row < behind; row++) {
+      const bin = Math.round(first[row] / this.width), curve = this.curves[axis?.[row] ?? 0];
+      if (curve) this.names.forEach((name, index) => { curve[bin + index] = this.table.column(name)[row]; });
     }
   }
 
   data() {
+    this.take();
     const count = Math.max(...this.curves.map(curve => curve.length));
     const frequencies = Array.from({length: count}, (_, bin) => bin * this.width);
     return [frequencies, ...this.curves.map(curve => Array.from({length: count}, (_, bin) => curve[bin] ?? null))];

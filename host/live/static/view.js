@@ -4,6 +4,7 @@ const byId = id => document.getElementById(id);
 // Beside what is seen, so that the curves reach the edges.
 const MARGIN = 0.02;
 const LEAST_SPAN_S = 1;
+const RECENT_S = 3;
 
 export class View {
   constructor(changed) {
@@ -44,6 +45,12 @@ export class View {
     }
     const now = this.now(table), start = Math.max(now - this.span * (1 + MARGIN), -Number.MAX_VALUE);
     return [start, this.cursor === null || this.span === Infinity ? Number.MAX_VALUE : now + this.ahead];
+  }
+
+  // The last seconds before now.
+  recent(table) {
+    const now = this.fixed ? this.fixed[1] : this.now(table);
+    return [now - RECENT_S, now];
   }
 
   toggle() {

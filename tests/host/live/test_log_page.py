@@ -55,6 +55,38 @@ def test_a_frame_known_from_its_description_alone_gets_curves(browser: Any, tmp_
         assert page.inner_text('[data-field="engine room.oil_pressure"]') == "4.03"
 
 
+def test_a_spectrum_is_put_together_from_its_pieces(browser: Any, tmp_path: Path, kit: Any) -> None:
+    """Two axes of 32 bins in pieces of 8; the newest of each piece counts."""
+    rows = (
+        kit.FieldRow("transform", 3),
+        kit.FieldRow("valid_time", 3, 0.001, "s"),
+        kit.FieldRow("axis", 1, kind=2, labels="x|y"),
+        kit.FieldRow("first_frequency", 2, 3.90625, "Hz"),
+        *(kit.FieldRow(f"amplitude_{number:02}", 2, 0.001, "deg/s") for number in range(8)),
+    )
+    line = kit.descriptions(4, "spectrum", rows)
+    for transform in range(30):
+        for axis, first in ((axis, first) for axis in (0, 1) for first in (0, 8, 16, 24)):
+            raw = {
+                "transform": transform,
+                "valid_time": 1000 * transform + first,
+                "axis": axis,
+                "first_frequency": first,
+            }
+            amplitudes = {f"amplitude_{n:02}": 100 * transform + 10 * axis + first + n for n in range(8)}
+            line += kit.frame(4, kit.payload(rows, raw | amplitudes))
+    log = tmp_path / "spectrum.raw"
+    log.write_bytes(line)
+    with served(log) as (url, _), page_of(browser, url) as page:
+        page.wait_for_selector('figure[data-panel="spectrum"] canvas')
+        spectrum = "[...navHost.shows.values()][0].spectrum"
+        until(page, f"{spectrum}.data()[1].at(-1) > 2.9")
+        frequencies, x, y = page.evaluate(f"{spectrum}.data()")
+    assert frequencies == [3.90625 * bin_ for bin_ in range(32)]
+    assert x == pytest.approx([2.9 + 0.001 * bin_ for bin_ in range(32)])
+    assert y == pytest.approx([2.91 + 0.001 * bin_ for bin_ in range(32)])
+
+
 def test_a_wrong_token_is_refused(browser: Any, tmp_path: Path, kit: Any) -> None:
     log = tmp_path / "a.raw"
     log.write_bytes(kit.Flight().line(100))
