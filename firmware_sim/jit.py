@@ -134,17 +134,27 @@ def remembered(name: str, key: str, module_file: str, make: Callable[[], Any]) -
     """
     digest = hashlib.sha256(f"{_fingerprint(Path(module_file))} {key}".encode()).hexdigest()[:16]
     path = CACHE_ROOT / "made" / f"{name}-{digest}.pickle"
-    try:
-        found = pickle.loads(path.read_bytes())
+    kept = _undamaged(path)
+    if kept is not None:
         os.utime(path.parent)
-        return found
-    except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError):
-        made = make()
+        return pickle.loads(kept)
+    made = make()
     path.parent.mkdir(exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}")
-    partial.write_bytes(pickle.dumps(made))
+    data = pickle.dumps(made)
+    partial.write_bytes(hashlib.sha256(data).digest() + data)
     partial.replace(path)
     return made
+
+
+def _undamaged(path: Path) -> bytes | None:
+    """What is behind the hash in a file of the cache; None where there is no such file, or another content."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    size = hashlib.sha256().digest_size
+    return data[size:] if hashlib.sha256(data[size:]).digest() == data[:size] else None
 
 
 def import_generated(name: str, source: str) -> ModuleType:

@@ -36,11 +36,16 @@ def read_toml(path: Path | str, what: str) -> dict[str, Any]:
 
 
 def in_words(value: object) -> str:
-    """A value of a TOML file as a complaint shows it: numbers and short texts as they are, the rest by its kind."""
+    """A value of a TOML file as a complaint shows it: numbers and short texts as they are, the rest by its kind.
+
+    A tuple is an array whose values are of interest.
+    """
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, dict):
         return "a table"
+    if isinstance(value, tuple):
+        return _shortened(f"[{', '.join(map(in_words, value))}]")
     if isinstance(value, list):
         return "an array of tables" if value and isinstance(value[0], dict) else "an array"
     if isinstance(value, datetime.datetime):
@@ -49,5 +54,8 @@ def in_words(value: object) -> str:
         return "a date"
     if isinstance(value, datetime.time):
         return "a time"
-    shown = repr(value)
-    return shown if len(shown) <= _SHOWN else f"{shown[:_SHOWN]}..."
+    return _shortened(repr(value))
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -26,6 +26,25 @@ def test_another_source_is_another_module():
     assert other.__file__ != jit.import_generated("probe", SOURCE).__file__
 
 
+def test_a_damaged_file_of_the_cache_is_made_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(jit, "CACHE_ROOT", tmp_path)
+    made = []
+
+    def remembered():
+        return jit.remembered("list", "key", jit.__file__, lambda: made.append(1) or ["x" * 50])
+
+    assert remembered() == remembered() == ["x" * 50]
+    assert len(made) == 1
+    (path,) = (tmp_path / "made").iterdir()
+    whole = path.read_bytes()
+    middle = len(whole) - 30  # inside the text: what pickle would not notice
+    for damaged in (b"", whole[:20], whole[:-1], whole[:middle] + b"y" + whole[middle + 1 :], b"\x80\x05}." * 30):
+        path.write_bytes(damaged)
+        assert remembered() == ["x" * 50]
+        assert path.read_bytes() == whole
+    assert len(made) == 6
+
+
 @pytest.fixture
 def package_copy(tmp_path):
     """A copy of the package's lowest rooms that may be edited, with a cache of its own."""

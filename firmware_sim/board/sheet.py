@@ -385,9 +385,11 @@ def _check_clock(sheet: BoardSheet) -> str:
 def _check_tick(sheet: BoardSheet) -> str:
     if exact(sheet.tick.period_s) * sheet.h1_hz != sheet.tick_cycles:
         nearest = sheet.tick_cycles / sheet.h1_hz
+        is_decimal = exact(nearest) * sheet.h1_hz == sheet.tick_cycles
+        near = f"nearest: {nearest!r}" if is_decimal else f"none near it is a decimal fraction: H1 is {sheet.h1_hz} Hz"
         return (
             f"[tick] period_s: expected a whole number of timer counts of {2 / sheet.h1_hz:g} s"
-            f" (nearest: {nearest!r}), found {sheet.tick.period_s!r}"
+            f" ({near}), found {sheet.tick.period_s!r}"
         )
     if sheet.tick_cycles < MIN_TICK_CYCLES:
         return (

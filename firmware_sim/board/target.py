@@ -183,9 +183,16 @@ class TargetProcessor:
 
 def _start_of(image: Image, source: str) -> int:
     """Where the processor begins after a reset. Raises UsageError for an image that does not say."""
-    for section in image.sections.values():
-        if section.is_loadable and section.words and section.address == RESET_VECTOR:
-            return int(section.words[0]) & 0xFF_FFFF
+    loaded = [section for section in image.sections.values() if section.is_loadable and section.words]
+    for section in loaded:
+        if section.address == RESET_VECTOR:
+            start = int(section.words[0]) & 0xFF_FFFF
+            if not any(other.address <= start < other.address + len(other.words) for other in loaded):
+                raise UsageError(
+                    f"{source}: expected the reset vector at address 0, the address of the first instruction,"
+                    f" found {int(section.words[0]):08X}h, where the program has no word"
+                )
+            return start
     if image.entry is None:
         raise UsageError(f"{source}: expected a reset vector at address 0 or an entry point, found neither")
     return image.entry

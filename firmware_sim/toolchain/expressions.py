@@ -231,11 +231,16 @@ _INTEGERS: Final[dict[str, Callable[[int, int], int]]] = {
 }
 
 
+_MOST_DIGITS: Final = 64  # of a 32-bit constant, with leading zeros; Python itself reads some thousand
+
+
 def _number(kind: str, token: str) -> int | float:
     if kind == "float":
         return float(token)
     if kind == "character":
         return _characters(token)
+    if len(token) > _MOST_DIGITS:
+        raise OperandError(f"a constant of 32 bits was expected, found one of {len(token)} digits")
     if kind == "hex":
         number = int(token[2:] if token[:2] in ("0x", "0X") else token[:-1], 16)
     elif kind == "binary":

@@ -100,6 +100,12 @@ REFUSED = [
         "500001",
     ),
     ("[budget]\nnav_cycles = 0", "[budget] nav_cycles: expected an integer from 1", "0"),
+    ("[calibration]\nacc_bias_ug = [0.5, 'x']", "acc_bias_ug: expected a list of 3 numbers", "[0.5, 'x']"),
+    (
+        "[processor]\nclkin_hz = 49999998",
+        "whole number of timer counts of 8e-08 s (none near it is a decimal fraction: H1 is 24999999 Hz)",
+        "0.02",
+    ),
     ('[line]\npolicy = "keep"', '[line] policy: expected "hold" or "drop" or "wait"', "'keep'"),
     ("[line\n", "expected TOML", "line 1"),
 ]

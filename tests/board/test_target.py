@@ -378,6 +378,11 @@ def test_a_program_that_runs_wild_is_stopped_with_its_trail(code: str, sentence:
         ([], "expected a program"),
         ([Section("no", 0, [1], is_loadable=False)], "expected a program"),
         ([Section("code", 0x100, [1])], "expected a reset vector"),
+        # A program that begins at 0 with its first instruction, LDI 5,R0.
+        (
+            [Section(".text", 0, [0x0860_0005, 0x6A00_FFFF])],
+            "expected the reset vector at address 0, .* found 08600005h",
+        ),
     ],
 )
 def test_an_image_that_the_board_cannot_hold_is_refused(sections: list[Section], sentence: str) -> None:

@@ -53,6 +53,8 @@ from firmware_sim.toolchain.diagnostics import AssemblyError
         (" .eval 1,2,x", "1:2", "the end of the expression was expected in 1,2, found ,"),
         (" .field 1,33", "1:11", "a size from 1 to 32 bits was expected, found 33"),
         (" .field", "1:2", "a value was expected after .field"),
+        (f" .word {'9' * 6000}", "1:8", "a constant of 32 bits was expected, found one of 6000 digits"),
+        (f" .word 0{'F' * 80}h", "1:8", "a constant of 32 bits was expected, found one of 82 digits"),
         (" .field 1.5,8", "1:9", "an integer was expected, found 1.5"),
         (" .label", "1:2", "a name was expected after .label"),
         (" .bss x", "1:2", "a name and a size were expected after .bss"),
