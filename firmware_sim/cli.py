@@ -7,10 +7,7 @@ interrupted.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import functools
-import math
-import os
 import signal
 import sys
 import time
@@ -21,6 +18,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
 from firmware_sim import cli_firmware, cli_study, cli_target
+from firmware_sim.cli_output import forget_output, open_streams, say, show
 from firmware_sim.errors import UsageError
 
 if TYPE_CHECKING:
@@ -28,29 +26,30 @@ if TYPE_CHECKING:
     from firmware_sim.board.line import Line
 
 FINE, BAD_USAGE, OVER_BUDGET, WALL_LIMIT, INTERRUPTED = 0, 2, 3, 5, 130
-_LARGEST = 1e9  # of a duration [s], and with its inverse of a ratio to real time
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    options = _parser().parse_args(arguments)
     # SIGINT too: a shell starts what it runs in the background with SIGINT ignored.
     _ends.clear()
     sys.unraisablehook = _report_unraisable
     for number in _ENDINGS:
         signal.signal(number, _end)
+    options = argparse.Namespace()
     try:
+        open_streams()
+        _parser().parse_args(arguments, options)
         status = int(options.command(options))
         sys.stdout.flush()
         return status
     except BrokenPipeError:
-        _forget_output()
+        forget_output()
         return FINE
     except UsageError as error:
-        _say(str(error))
+        say(str(error))
         return BAD_USAGE
     except _EndedError as ended:
-        _say(f"the run took longer than {options.max_wall:g} s of wall time" if ended.by_watchdog else "interrupted")
+        say(f"the run took longer than {options.max_wall:g} s of wall time" if ended.by_watchdog else "interrupted")
         return WALL_LIMIT if ended.by_watchdog else INTERRUPTED
 
 
@@ -78,33 +77,11 @@ def _report_unraisable(lost: sys.UnraisableHookArgs) -> None:
         sys.__unraisablehook__(lost)
 
 
-def _say(sentence: str) -> None:
-    # Nobody may be listening any more; the status still tells.
-    with contextlib.suppress(OSError):
-        print(f"firmware-sim: {sentence}", file=sys.stderr, flush=True)
-
-
-def _show(text: str) -> None:
-    """Print a result. A reader that went away is no error; a standard output that cannot be written is one."""
-    try:
-        print(text, flush=True)
-    except BrokenPipeError:
-        _forget_output()
-    except OSError as error:
-        _forget_output()
-        raise UsageError(f"standard output: expected to be writable, found: {error.strerror}") from None
-
-
-def _forget_output() -> None:
-    """What is still buffered would fail again when Python ends."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 class _Parser(argparse.ArgumentParser):
     """A wrong command line is one sentence, as every other mistake."""
 
     def error(self, message: str) -> NoReturn:
-        _say(f"{message} (see {self.prog} --help)")
+        say(f"{message} (see {self.prog} --help)")
         sys.exit(BAD_USAGE)
 
 
@@ -126,38 +103,27 @@ def _parser() -> argparse.ArgumentParser:
         help="arithmetic of the solver (default: c3x); iss runs machine code",
     )
     cli_target.add_run_options(run)
-    run.add_argument("--duration", type=_positive, metavar="S", help="virtual seconds (default: the scenario's, or 60)")
+    run.add_argument(
+        "--duration", type=cli_target.positive, metavar="S", help="virtual seconds (default: the scenario's, or 60)"
+    )
     run.add_argument(
         "--seed", type=cli_target.seed, default=0, metavar="N", help="seed of the sensor errors (default: 0)"
     )
     output = run.add_mutually_exclusive_group()
     output.add_argument("--pty", metavar="LINK", help="make a serial line and link its terminal to this path")
     output.add_argument("--raw", metavar="FILE", help="write the exact bytes of the line to a file")
-    run.add_argument("--rt", type=_ratio, metavar="RATIO", help="tie virtual time to the wall clock; 1 is real time")
+    run.add_argument(
+        "--rt", type=cli_target.ratio, metavar="RATIO", help="tie virtual time to the wall clock; 1 is real time"
+    )
     run.add_argument("--line", choices=("hold", "drop", "wait"), help="what becomes of bytes that nobody reads")
     run.add_argument("--report", metavar="FILE.json", help="write the report of the run")
-    run.add_argument("--max-wall", type=_positive, metavar="S", help="give up (status 5) after so many real seconds")
+    run.add_argument(
+        "--max-wall", type=cli_target.positive, metavar="S", help="give up (status 5) after so many real seconds"
+    )
     cli_target.add_commands(commands)
     cli_firmware.add_commands(commands)
     cli_study.add_commands(commands)
     return parser
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value <= _LARGEST:
-        raise argparse.ArgumentTypeError(f"expected a number above 0 and at most {_LARGEST:g}, found {text!r}")
-    return value
-
-
-def _ratio(text: str) -> float:
-    value = _positive(text)
-    if value < 1.0 / _LARGEST:
-        raise argparse.ArgumentTypeError(f"expected a number of at least {1.0 / _LARGEST:g}, found {text!r}")
-    return value
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -165,19 +131,19 @@ def _run(options: argparse.Namespace) -> int:
     flight = _flight(options)
     fly = cli_target.bench_of(options)
     outputs = _check_outputs(options)
-    cli_study.warn_of_recording(flight.scenario, _say)
+    cli_study.warn_of_recording(flight.scenario, say)
     progress = _Progress()
     try:
         open_line = functools.partial(_open_line, options, flight)
-        report = fly(flight, open_line=open_line, progress=progress.show, announce=_say)
+        report = fly(flight, open_line=open_line, progress=progress.show, announce=say)
     finally:
         progress.clear()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     if "report" in outputs:
         report.write(outputs["report"])
-    _show(report.table())
+    show(report.table())
     if not report.within_budget:
-        _say(report.budget_sentence)
+        say(report.budget_sentence)
         return OVER_BUDGET
     return FINE
 
@@ -208,36 +174,36 @@ def _open_line(options: argparse.Namespace, flight: Flight) -> Line:
     if options.pty is None:
         return NullLine()
     line = PtyLine(Path(options.pty), flight.sheet.line.policy)
-    _say(f"serial line at {options.pty} ({line.device}), {flight.sheet.uart.baud} baud 8N1")
+    say(f"serial line at {options.pty} ({line.device}), {flight.sheet.uart.baud} baud 8N1")
     return line
 
 
 def _check_outputs(options: argparse.Namespace) -> dict[str, Path]:
     """The files that the run will write. Raises UsageError for one that it cannot, or that would destroy another."""
+    from firmware_sim.report import check_place
+
     given = {name: getattr(options, name) for name in ("raw", "report", "trace", "vcd")}
     outputs = {name: Path(text) for name, text in given.items() if text is not None}
     inputs = (options.scenario, options.board, options.image)
     cli_target.check_own({f"--{name}": path for name, path in outputs.items()}, inputs)
     if "report" in outputs:
-        _check_place(outputs["report"])
+        check_place(outputs["report"])
     if "raw" in outputs:
         _check_raw(outputs["raw"])
     return outputs
 
 
-def _check_place(path: Path) -> None:
-    target = path if path.exists() else path.parent
-    if path.is_dir() or not target.exists() or not os.access(target, os.W_OK):
-        raise UsageError(f"{path}: expected the path of a file that can be written for the report")
-
-
 def _check_raw(path: Path) -> None:
     """Only raw bytes of an earlier run are replaced: anything else may be somebody's work."""
-    if path.is_file() and path.stat().st_size > 0:
-        with path.open("rb") as file:
-            found = file.read(2)
-        if found != b"\xeb\x90":
-            raise UsageError(f"{path}: expected a new file or the raw bytes of an earlier run, found something else")
+    try:
+        found = b""
+        if path.is_file():
+            with path.open("rb") as file:
+                found = file.read(2)
+    except OSError as error:
+        raise UsageError(f"{path}: expected a file that can be written, found: {error.strerror}") from None
+    if found not in (b"", b"\xeb\x90"):
+        raise UsageError(f"{path}: expected a new file or the raw bytes of an earlier run, found something else")
 
 
 class _Progress:
@@ -257,7 +223,7 @@ class _Progress:
             print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
         elif time.monotonic() - self._shown_s >= self._SECONDS_BETWEEN_LINES:
             self._shown_s = time.monotonic()
-            _say(text)
+            say(text)
 
     def clear(self) -> None:
         if self._terminal:

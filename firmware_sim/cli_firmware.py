@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from typing import TYPE_CHECKING, Any
 
-from firmware_sim.cli_target import FINE, check_own, seed, write_file
+from firmware_sim.cli_output import say, show
+from firmware_sim.cli_target import FINE, check_own, count, positive, seed, write_file
 
 if TYPE_CHECKING:
     from firmware_sim.bench import Flight
@@ -37,7 +37,7 @@ def add_commands(commands: Any) -> None:
     profile.set_defaults(command=_profile)
     _add_flight(profile, 10.0)
     profile.add_argument("--cycle", type=int, metavar="N", help="navigation cycle, from 1; without it the longest one")
-    profile.add_argument("--lines", type=int, default=15, metavar="N", help="lines of the source to show (15)")
+    profile.add_argument("--lines", type=count, default=15, metavar="N", help="lines of the source to show (15)")
     profile.add_argument("--json", metavar="FILE", help="write all of it as a JSON document")
     diff = commands.add_parser(
         "diff",
@@ -52,24 +52,17 @@ def add_commands(commands: Any) -> None:
 def _add_flight(parser: argparse.ArgumentParser, duration_s: float) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", help="built-in name, scenario file or recording")
     parser.add_argument("--board", metavar="FILE.toml", help=_BOARD_HELP)
-    parser.add_argument("--duration", type=float, default=duration_s, metavar="S", help=f"seconds ({duration_s:g})")
+    parser.add_argument("--duration", type=positive, default=duration_s, metavar="S", help=f"seconds ({duration_s:g})")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the sensor errors (0)")
 
 
 def _flight(options: argparse.Namespace) -> Flight:
     from firmware_sim.bench import Flight
     from firmware_sim.board.sheet import load_sheet
-    from firmware_sim.errors import UsageError
     from firmware_sim.plant.scenario import load_scenario
 
-    if not 0.0 < options.duration < float("inf"):
-        raise UsageError(f"--duration: expected a positive number of seconds, found {options.duration:g}")
     scenario = load_scenario(options.scenario)
     return Flight(scenario, load_sheet(options.board), "iss", options.duration, options.seed)
-
-
-def _say(text: str) -> None:
-    sys.stderr.write(f"firmware-sim: {text}\n")
 
 
 def _build(options: argparse.Namespace) -> int:
@@ -99,8 +92,8 @@ def _profile(options: argparse.Namespace) -> int:
     from firmware_sim.bench_firmware import profile
 
     check_own({"--json": options.json}, [options.board, options.scenario])
-    found = profile(_flight(options), options.cycle, announce=_say)
-    sys.stdout.write(found.table(options.lines))
+    found = profile(_flight(options), options.cycle, announce=say)
+    show(found.table(options.lines))
     if options.json:
         write_file(options.json, (json.dumps(found.as_dict(), indent=2) + "\n").encode())
     return FINE
@@ -109,6 +102,6 @@ def _profile(options: argparse.Namespace) -> int:
 def _diff(options: argparse.Namespace) -> int:
     from firmware_sim.bench_diff import compare
 
-    difference = compare(_flight(options), announce=_say)
-    sys.stdout.write(f"{difference.sentence}\n")
+    difference = compare(_flight(options), announce=say)
+    show(difference.sentence)
     return DIFFERENT if difference.is_found else FINE

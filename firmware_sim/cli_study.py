@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from firmware_sim.cli_output import show
 from firmware_sim.errors import UsageError
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ def _check(options: argparse.Namespace) -> int:
         raise UsageError(f"check: expected a recording, found the motion {scenario.name}")
     found = check_source(scenario.source(1.0 / scenario.native_rate_hz, 0))
     right = () if found.remarks or found.notes or found.quiet is None else ("units and axes look right",)
-    sys.stdout.write("".join(f"{line}\n" for line in (found.summary, *found.remarks, *found.notes, *right)))
+    show("\n".join((found.summary, *found.remarks, *found.notes, *right)))
     return FINE
 
 
@@ -142,8 +143,7 @@ def _finish(outcome: Outcome, name: str, directory: Path) -> int:
     from firmware_sim.studies.outcome import write_outcome
 
     paths = write_outcome(outcome, name, directory)
-    sys.stdout.write(outcome.text())
-    sys.stdout.write("\n" + "".join(f"written: {path}\n" for path in paths))
+    show(outcome.text() + "\n" + "\n".join(f"written: {path}" for path in paths))
     return FINE
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import contextlib
 import functools
+import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from firmware_sim.cli_output import say, show
 from firmware_sim.errors import UsageError
 
 if TYPE_CHECKING:
@@ -75,7 +77,6 @@ def add_run_options(run: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--timing",
         choices=("pipeline", "fast"),
-        default="pipeline",
         help="cycles of --engine iss: with the stalls of the pipeline (default), or of the instructions alone",
     )
     run.add_argument(
@@ -89,7 +90,7 @@ def add_run_options(run: argparse.ArgumentParser) -> None:
 def bench_of(options: argparse.Namespace) -> Callable[..., Report]:
     """What runs a flight: the native bench, or that of an image. Raises UsageError for an image that cannot be read."""
     if options.engine != ENGINE:
-        for name in ("image", "trace", "vcd"):
+        for name in ("image", "timing", "trace", "vcd"):
             if getattr(options, name) is not None:
                 raise UsageError(f"--{name}: expected with --engine iss, found --engine {options.engine}")
         from firmware_sim import bench
@@ -104,7 +105,7 @@ def _run_machine_code(options: argparse.Namespace, image: Image | None, flight: 
 
     with contextlib.ExitStack() as files:
         seen = {
-            "has_pipeline": options.timing == "pipeline",
+            "has_pipeline": options.timing != "fast",
             "trace": None if options.trace is None else files.enter_context(_opened(options.trace)),
             "changes": None if options.vcd is None else files.enter_context(_value_changes(options.vcd, flight)),
         }
@@ -143,6 +144,35 @@ def read_image(name: str) -> Image:
     return read_coff(data, name)
 
 
+_LARGEST = 1e9  # of a duration [s], and with its inverse of a ratio to real time
+
+
+def positive(text: str) -> float:
+    """The positive number that an argument gives. Raises ArgumentTypeError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= _LARGEST:
+        raise argparse.ArgumentTypeError(f"expected a number above 0 and at most {_LARGEST:g}, found {text!r}")
+    return value
+
+
+def ratio(text: str) -> float:
+    """The ratio to real time that an argument gives. Raises ArgumentTypeError."""
+    value = positive(text)
+    if value < 1.0 / _LARGEST:
+        raise argparse.ArgumentTypeError(f"expected a number of at least {1.0 / _LARGEST:g}, found {text!r}")
+    return value
+
+
+def count(text: str) -> int:
+    """The number of things, one at least, that an argument gives. Raises ArgumentTypeError."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number, 1 or above, found {text!r}")
+    return int(text)
+
+
 def seed(text: str) -> int:
     """The seed that an argument gives. Raises ArgumentTypeError."""
     if not text.isdecimal():
@@ -172,7 +202,7 @@ def _asm(options: argparse.Namespace) -> int:
         is_complete=not options.allow_undefined,
     )
     if image.unresolved:
-        sys.stderr.write(f"firmware-sim: undefined and taken as 0: {', '.join(image.unresolved)}\n")
+        say(f"undefined and taken as 0: {', '.join(image.unresolved)}")
     write_file(options.output, write_coff(image))
     if options.listing:
         write_file(options.listing, listing(image).encode())
@@ -210,7 +240,7 @@ def _folder(name: str) -> Path:
 def _dis(options: argparse.Namespace) -> int:
     from firmware_sim.toolchain.listing import listing
 
-    sys.stdout.write(listing(read_image(options.image)))
+    show(listing(read_image(options.image)))
     return FINE
 
 
@@ -220,22 +250,31 @@ def _debug(options: argparse.Namespace) -> int:
 
     monitor = Monitor(load_sheet(options.board), read_image(options.image), options.image)
     is_person = sys.stdin.isatty()
-    sys.stdout.write(monitor.execute("where"))
-    while not monitor.is_done:
+    is_read = show(monitor.execute("where"))
+    while is_read and not monitor.is_done:
         if is_person:
-            sys.stdout.write(PROMPT)
-        sys.stdout.flush()
-        line = sys.stdin.readline()
+            show(PROMPT, end="")
+        line = _line()
         if not line:
             break
         try:
-            sys.stdout.write(monitor.execute(line))
+            is_read = show(monitor.execute(line), end="")
         except UsageError as error:
             # A person goes on after a mistake; a script that made one has gone wrong.
             if not is_person:
                 raise
-            sys.stdout.write(f"{error}\n")
+            is_read = show(str(error))
     return FINE
+
+
+def _line() -> str:
+    """The next line of standard input, empty at its end. Raises UsageError where it has none."""
+    try:
+        return sys.stdin.readline()
+    except OSError as error:
+        raise UsageError(f"standard input: expected to be readable, found: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise UsageError("standard input: expected lines of text, found bytes that are none") from None
 
 
 def write_file(name: str, data: bytes) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,6 +55,40 @@ def _matrices(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
 def _wrapped(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """Angles brought into +-pi."""
     return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@contextlib.contextmanager
+def _beside(target: Path) -> Iterator[Path]:
+    """A file to write beside another, gone at the end unless it has taken its place."""
+    partial = target.with_name(f".report.{os.getpid()}")
+    try:
+        yield partial
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _refusal(path: Path, reason: str) -> UsageError:
+    return UsageError(f"{path}: expected the path of a file that can be written for the report, found: {reason}")
+
+
+def _reason(error: OSError | RuntimeError) -> str:
+    return str(error.strerror) if isinstance(error, OSError) else "a link that leads to itself"
+
+
+def check_place(path: Path) -> None:
+    """Whether a report can be written there: known before a long flight. Raises UsageError."""
+    try:
+        target = path.resolve()
+        is_there = target.exists()
+        if not is_there or target.is_file():
+            with _beside(target) as partial:
+                partial.touch()
+    except (OSError, RuntimeError) as error:
+        raise _refusal(path, _reason(error)) from None
+    if target.is_dir():
+        raise _refusal(path, "a folder")
+    if is_there and not os.access(target, os.W_OK):
+        raise _refusal(path, os.strerror(errno.EACCES))
 
 
 @dataclass
@@ -121,14 +157,11 @@ class Report(dict[str, Any]):
             if target.exists() and not target.is_file():
                 target.write_text(text, encoding="utf-8")
                 return
-            partial = target.with_name(f".{target.name}.{os.getpid()}")
-            try:
+            with _beside(target) as partial:
                 partial.write_text(text, encoding="utf-8")
                 partial.replace(target)
-            finally:
-                partial.unlink(missing_ok=True)
-        except OSError as error:
-            raise UsageError(f"{path}: expected a file that can be written, found: {error.strerror}") from None
+        except (OSError, RuntimeError) as error:
+            raise _refusal(path, _reason(error)) from None
 
     def table(self) -> str:
         """The report in a few lines for a terminal."""

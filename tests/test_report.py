@@ -100,7 +100,7 @@ def test_the_document_is_json_and_replaces_an_older_one(tmp_path):
 
 
 def test_a_report_that_cannot_be_written_is_one_sentence_and_leaves_nothing(tmp_path):
-    with pytest.raises(UsageError, match="expected a file that can be written"):
+    with pytest.raises(UsageError, match="expected the path of a file that can be written"):
         report().write(tmp_path / "missing" / "report.json")
     (tmp_path / "folder").mkdir()
     with pytest.raises(UsageError):
