@@ -128,7 +128,6 @@ class Conning:
         _SMALLEST.decode([b"\0"])
         self._readers: dict[int, tuple[Layout, _Reader]] = {}
         self._turn = nmea.RateOfTurn()
-        self._session: int | None = None
         self._heading_beat = _Beat(_HEADING_PERIOD_NS)
         self._position_beat = _Beat(_POSITION_PERIOD_NS)
 
@@ -138,8 +137,8 @@ class Conning:
             # A frame that waited for its description may be older.
             fresh = [a for a in group if a.time_ns is not None and time_ns - a.time_ns < MAX_AGE_NS]
             if fresh and reader.is_of_use:
-                for arrival, state in zip(fresh, reader.read([a.payload for a in fresh]), strict=True):
-                    self._follow(state, arrival.session)
+                for state in reader.read([arrival.payload for arrival in fresh]):
+                    self._follow(state)
         if state is not None:
             self._say(time_ns, state)
 
@@ -152,12 +151,11 @@ class Conning:
             known = self._readers[layout.type] = (layout, _Reader(layout))
         return known[1]
 
-    def _follow(self, state: _State, session: int) -> None:
-        if session != self._session or not state.has_heading:
-            self._turn.forget()
-            self._session = session
+    def _follow(self, state: _State) -> None:
         if state.has_heading:
             self._turn.add(state.time_s, state.values["heading"])
+        else:
+            self._turn.forget()
 
     def _say(self, time_ns: int, state: _State) -> None:
         if "heading" in state.values and self._heading_beat.is_due(time_ns):

@@ -146,6 +146,16 @@ def test_answers_to_others_and_from_before_do_not_count(
     assert port.waited_at_write == 0
 
 
+def test_an_old_answer_that_is_described_only_now_does_not_count(
+    kit: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waiting = kit.Flight().frame(0) + answer(kit, 129, 0)
+    port = ScriptedPort(waiting, kit.descriptions(2, "answer", kit.ANSWER) + answer(kit, 129, 1, 2), kit)
+    monkeypatch.setattr("serial.serial_for_url", lambda *arguments, **options: port)
+    assert main(["send", "socket://board:1", "mode", "navigate", "--wait", "0.5"]) == 2
+    assert "mode: refused, nothing has changed: mode is not accepted (navigate needs" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("reply", "is_described", "found"),
     [
