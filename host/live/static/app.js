@@ -171,7 +171,7 @@ function showState() {
   const [text, kind] = stateOf(), pill = byId("state");
   pill.textContent = text;
   pill.className = `pill ${kind}`;
-  if (status) book.show({...status, ageS: age() ?? 0, log: hello.log});
+  if (status) book.show({...status, ageS: hello.mode === "log" ? null : age(), log: hello.log});
 }
 
 function showNavigation() {

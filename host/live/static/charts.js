@@ -1,6 +1,6 @@
 // Curves of a table, one chart for each panel, drawn with uPlot.
 
-import {number, wrapped} from "./format.js";
+import {number, ticks, wrapped} from "./format.js";
 import {drawTrack} from "./map.js";
 
 const HEIGHT = 205;
@@ -146,7 +146,8 @@ class Curves extends Plotted {
       value: (_plot, value) => number(value, fields[name]?.unit, name),
     }));
     const angle = this.panel.columns.some(name => UNWRAPPED.includes(name));
-    const yAxis = angle ? {values: (_plot, ticks) => ticks.map(tick => Number(wrapped(tick, 0).toFixed(6)))} : {};
+    const shown = angle ? values => values.map(value => Math.abs(wrapped(value + 1e-9, 0) - 1e-9)) : values => values;
+    const yAxis = {values: (_plot, values, _axis, _space, step) => ticks(shown(values), step)};
     this.make(series, yAxis, {range: (_plot, low, high) => widened(low, high)});
   }
 

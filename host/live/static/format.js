@@ -2,6 +2,8 @@
 
 const DECIMALS = {deg: 3, "m/s": 3, m: 2, s: 2, "deg/s": 4, cycles: 0, Hz: 2};
 const POSITION_DECIMALS = 7;
+const MOST_DECIMALS = 5;
+const MOST_PLAIN = 1e7;
 
 export function number(value, unit = "", name = "") {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
@@ -13,13 +15,27 @@ export function number(value, unit = "", name = "") {
   return Number.isInteger(value) ? grouped(value) : String(Number(value.toPrecision(6)));
 }
 
+// Labels of an axis, with the decimals that its step needs.
+export function ticks(values, step) {
+  const largest = Math.max(...values.map(Math.abs)), decimals = decimalsOf(step);
+  if (largest < MOST_PLAIN && decimals <= MOST_DECIMALS) return values.map(value => grouped(value, decimals));
+  const digits = Math.max(0, Math.ceil(Math.log10(largest / step)));
+  return values.map(value => (value ? value.toExponential(digits) : "0"));
+}
+
+function decimalsOf(step) {
+  const isWhole = decimals => Math.abs(step * 10 ** decimals - Math.round(step * 10 ** decimals)) < 1e-6;
+  for (let decimals = 0; decimals <= MOST_DECIMALS; decimals++) if (step * 10 ** decimals >= 0.999 && isWhole(decimals)) return decimals;
+  return Infinity;
+}
+
 // An angle in [least, least + 360).
 export function wrapped(value, least) {
   return value - 360 * Math.floor((value - least) / 360);
 }
 
-export function grouped(value) {
-  return value.toLocaleString("en-GB");
+export function grouped(value, decimals = 0) {
+  return value.toLocaleString("en-GB", {minimumFractionDigits: decimals, maximumFractionDigits: decimals}).replace(/^-(?=[0.]+$)/, "");
 }
 
 export function bytes(count) {

@@ -1,6 +1,6 @@
 // A spectrum that comes in pieces: each frame says its axis, its first frequency and the amplitudes from there on.
 
-import {number} from "./format.js";
+import {number, ticks} from "./format.js";
 
 const AMPLITUDE = /^amplitude_\d+$/;
 
@@ -60,7 +60,7 @@ export class Spectrum {
     const series = this.axes.map((label, index) => ({
       label, stroke: of(`--curve-${index}`), width: 1.5, points: {show: false}, value: (_plot, value) => number(value, this.unit)}));
     this.plot = new uPlot({
-      ...this.size(), scales: {x: {time: false}}, axes: [{...axis, size: 34}, {...axis, size: 66}], cursor: {drag: {x: true, y: false}},
+      ...this.size(), scales: {x: {time: false}}, axes: [{...axis, size: 34}, {...axis, size: 66, values: (_plot, values, _axis, _space, step) => ticks(values, step)}], cursor: {drag: {x: true, y: false}},
       series: [{label: "f", value: (_plot, value) => number(value, "Hz")}, ...series],
     }, this.data(), this.figure);
   }

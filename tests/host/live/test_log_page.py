@@ -55,6 +55,28 @@ def test_a_frame_known_from_its_description_alone_gets_curves(browser: Any, tmp_
         assert page.inner_text('[data-field="engine room.oil_pressure"]') == "4.03"
 
 
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        ("ticks([150, 152.5, 155], 2.5)", ["150.0", "152.5", "155.0"]),
+        ("ticks([-0.0005, 0, 0.0005], 0.0005)", ["-0.0005", "0.0000", "0.0005"]),
+        ("ticks([1000, 2000], 1000)", ["1,000", "2,000"]),
+        ("ticks([0, 1e-7, 2e-7], 1e-7)", ["0", "1.0e-7", "2.0e-7"]),
+        ("number(-0.5, 'deg', 'heading')", "359.500"),
+        ("number(540.25, 'deg', 'longitude')", "-179.7500000"),
+        ("number(7105, 'cycles', 'solver_cycles')", "7,105"),
+        ("number(0, 'm/s', 'vel_up')", "0.000"),
+        ("number(null)", "–"),
+        ("duration(3725)", "1:02:05 h"),
+    ],
+)
+def test_numbers_are_written_as_people_read_them(
+    browser: Any, replayed: tuple[str, Path], call: str, text: str | list[str]
+) -> None:
+    with page_of(browser, replayed[0]) as page:
+        assert page.evaluate(f"import('/format.js').then(format => format.{call})") == text
+
+
 def test_a_spectrum_is_put_together_from_its_pieces(browser: Any, tmp_path: Path, kit: Any) -> None:
     """Two axes of 32 bins in pieces of 8; the newest of each piece counts."""
     rows = (
