@@ -162,7 +162,8 @@ def on_the_main_branch(values_deg: Floats) -> Floats:
 class Columns:
     """Columns to draw, batch by batch, for the frames of one name: those of the frame, and what is made from them.
 
-    `time` is the board's time (else host time, else the number of the frame); sessions follow one another on it.
+    `time` is the board's time (else host time, else the number of the frame); sessions follow one another on it, and
+    it never steps back.
     """
 
     TIME = "time"
@@ -194,7 +195,7 @@ class Columns:
                 self.unwrapped.add(name)
                 columns[name] = self._unwrap(name, columns[name])
         columns[JITTER] = self._jitter(batch.host_time_s, time)
-        columns[self.TIME] = time + self._offset
+        columns[self.TIME] = self._onward(time) + self._offset
         self._last[self.TIME] = columns[self.TIME][-1]
         return columns
 
@@ -222,8 +223,17 @@ class Columns:
             self._offset = end - first_time
         self._session = session
         # An angle goes on on its nearest branch; intervals do not reach over the start.
-        for name in ("host", "board"):
+        for name in ("host", "board", "onward"):
             self._last.pop(name, None)
+
+    def _onward(self, time: Floats) -> Floats:
+        """The times, going on from where they step back within a session, as a counter does that begins again."""
+        back = np.maximum(-np.diff(self._before("onward", time)), 0.0)
+        if not back.any():
+            return time
+        onward = time + np.cumsum(back)
+        self._offset += onward[-1] - time[-1]
+        return onward
 
     def _before(self, name: str, values: Floats) -> Floats:
         """The values with the last one of the batch before in front (the first once more, at a session's start)."""

@@ -5,7 +5,6 @@ The description frame (type 0) is specified in the interface control document.
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,8 @@ from host.frames import MAX_PAYLOAD_BYTES
 DESCRIPTION_TYPE = 0
 _DESCRIPTION = struct.Struct("<BBBBBBd")
 _TEXTS = 5
+# No raw value times such a scale, nor a difference of two of them, is beyond the numbers of the host.
+_LARGEST_SCALE = 1e200
 
 
 class Kind(IntEnum):
@@ -191,7 +192,7 @@ def _parse(payload: bytes) -> _Description | None:
     words_of_a_single = field_type is SINGLE and kind_code != Kind.QUANTITY
     if frame_type == DESCRIPTION_TYPE or index >= count or offset + field_type.size > MAX_PAYLOAD_BYTES:
         return None
-    if not name or not math.isfinite(scale) or scale == 0.0 or words_of_a_single:
+    if not name or not 0.0 < abs(scale) <= _LARGEST_SCALE or words_of_a_single:
         return None
     names = tuple(labels.split("|")) if labels else ()
     field = Field(name, field_type, offset, Kind(kind_code), scale, unit, meaning, names)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import uvicorn
 
 from host.errors import UsageError
+from host.live import messages
 from host.live.app import Pages, Show, application
 from host.live.feed import Feed
 from host.live.guard import Access, is_loopback, new_token
@@ -127,20 +128,29 @@ class Server:
         self._uvicorn = _Uvicorn(config)
         self._uvicorn.should_exit = self._stopped
         tasks = [asyncio.create_task(task) for task in (self._tell(service), self._tell_status(service.show))]
+        for task in tasks:
+            task.add_done_callback(lambda _task: self.stop())
         try:
             await self._uvicorn.serve([service.listening])
         finally:
             for task in tasks:
                 task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            ended = await asyncio.gather(*tasks, return_exceptions=True)
+        for outcome in ended:
+            if isinstance(outcome, Exception):
+                raise outcome
 
     async def _tell(self, service: Service) -> None:
         while True:
             await self._awake.wait()
             await asyncio.sleep(_GATHER_S)
             self._awake.clear()
-            for message in service.take():
-                self._pages.tell(message)
+            try:
+                for message in service.take():
+                    self._pages.tell(message)
+            except UsageError as error:
+                # The recording goes on when its curves cannot be kept.
+                self._pages.tell(messages.text("refused", text=str(error)))
 
     async def _tell_status(self, show: Show) -> None:
         while True:

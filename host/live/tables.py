@@ -17,6 +17,10 @@ from host.schema import Field, Kind, Layout
 Floats = NDArray[np.float64]
 
 
+# Beyond the first and the last frame nothing is seen.
+_MARGIN_S = 1.0
+
+
 class Table:
     """Frames of one layout as rows of numbers: board time first, then its fields, then a lane for each word."""
 
@@ -49,6 +53,11 @@ class Table:
 
     def window(self, start_s: float, stop_s: float, points: int) -> Floats:
         """The curves between two board times in about so many points: each stretch by its least and greatest values."""
+        if self.first_s is None or self.last_s is None:
+            return np.empty((len(self.names), 0))
+        # An endless window has no stretches.
+        earliest_s, latest_s = self.first_s - _MARGIN_S, self.last_s + _MARGIN_S
+        start_s, stop_s = (min(max(time_s, earliest_s), latest_s) for time_s in (start_s, stop_s))
         return self._history.window(start_s, stop_s, points)
 
     def rows(self, start_s: float, stop_s: float) -> Iterator[Floats]:
