@@ -195,7 +195,7 @@ class Columns:
                 self.unwrapped.add(name)
                 columns[name] = self._unwrap(name, columns[name])
         columns[JITTER] = self._jitter(batch.host_time_s, time)
-        columns[self.TIME] = self._onward(time) + self._offset
+        columns[self.TIME] = self._onward(time)
         self._last[self.TIME] = columns[self.TIME][-1]
         return columns
 
@@ -227,13 +227,14 @@ class Columns:
             self._last.pop(name, None)
 
     def _onward(self, time: Floats) -> Floats:
-        """The times, going on from where they step back within a session, as a counter does that begins again."""
+        """The times of all sessions, going on where they step back within one, as a counter does that begins again."""
+        offset = self._offset
         back = np.maximum(-np.diff(self._before("onward", time)), 0.0)
         if not back.any():
-            return time
-        onward = time + np.cumsum(back)
-        self._offset += onward[-1] - time[-1]
-        return onward
+            return time + offset
+        steps = np.cumsum(back)
+        self._offset += steps[-1]
+        return time + (offset + steps)
 
     def _before(self, name: str, values: Floats) -> Floats:
         """The values with the last one of the batch before in front (the first once more, at a session's start)."""
