@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,26 @@ def add_to(commands: Any, say: Say) -> None:
 
     clean = add("repair", _repair, "write a log without damage from a damaged one")
     clean.add_argument("-o", dest="output", type=Path, required=True, metavar="FILE", help="log to write")
+
+    against = add("compare", _compare, "draw and tabulate a recording's differences from a reference")
+    text = (
+        "a second log, or a CSV or npz file with columns such as time [s], latitude [deg], vel_east [m/s], pitch [deg]"
+    )
+    against.add_argument("reference", type=Path, metavar="REFERENCE", help=text)
+    text = "directory for the figures and the table"
+    against.add_argument("-o", dest="output", type=Path, required=True, metavar="DIR", help=text)
+    text = "seconds to add to the reference's times"
+    against.add_argument("--offset", type=_offset, default=0.0, metavar="S", help=text)
+
+
+def _offset(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a number of seconds, found {text!r}")
+    return value
 
 
 def _stats(arguments: argparse.Namespace, say: Say) -> None:
@@ -97,3 +118,13 @@ def _repair(arguments: argparse.Namespace, say: Say) -> None:
     say(f"saved of them: {done.frames:,} frames, {done.line_bytes:,} bytes of the line")
     lost = [survey(each).stream.lost for each in (source, open_source(arguments.output))]
     say(f"frames missing in the sequence: {lost[0]:,} before, {lost[1]:,} now")
+
+
+def _compare(arguments: argparse.Namespace, say: Say) -> None:
+    from host.compare import compare
+    from host.source import open_source
+
+    found = compare(open_source(arguments.log), arguments.reference, arguments.output, arguments.offset)
+    say(found.text)
+    for path in found.files:
+        say(str(path))

@@ -35,7 +35,7 @@ TRACK = "track"
 _WIDTH_IN = 11.0
 _DPI = 130
 # A group of points for each pixel column of a figure.
-_PIXEL_COLUMNS = int(_WIDTH_IN * _DPI)
+PIXEL_COLUMNS = int(_WIDTH_IN * _DPI)
 # x or east, y or north, z or up; the colours of Okabe and Ito, which colour-blind readers tell apart.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
 _DARK_COLOURS = ("#56B4E9", "#FF9A4D", "#35C69B", "#E39AC6", "#7FA8FF", "#F0C24B", "#B0B0B0")
@@ -174,7 +174,7 @@ def _charts(found: Survey) -> dict[str, Chart]:
         layouts = found.layouts(name)
         layout = layouts[-1]
         seen = {field: words for (frame, field), words in found.words.items() if frame == name}
-        stride = math.ceil(sum(found.frames[each] for each in layouts) / _PIXEL_COLUMNS)
+        stride = math.ceil(sum(found.frames[each] for each in layouts) / PIXEL_COLUMNS)
         navigation = is_navigation(layout) and not has_navigation
         if navigation:
             has_navigation = True
