@@ -6,6 +6,7 @@ import os
 import struct
 import threading
 import time
+import tty
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -38,6 +39,8 @@ class TalkingBoard:
         self.heard: list[Frame] = []
 
     def __enter__(self) -> TalkingBoard:
+        # Before the host opens it, the terminal would echo.
+        tty.setraw(self._pty._slave)
         os.set_blocking(self._pty.master, False)
         self._thread.start()
         return self
@@ -110,7 +113,7 @@ class ScriptedPort:
     """A port with bytes that waited for its receiver; then it sends frames, and `reply` to what is written."""
 
     def __init__(self, waiting: bytes, reply: bytes, kit: Any) -> None:
-        self._parts = deque(waiting[start : start + 4096] for start in range(0, len(waiting), 4096))
+        self._parts = deque(self._pieces(waiting))
         self._reply = reply
         self._kit = kit
         self.waited_at_write: int | None = None
@@ -128,7 +131,12 @@ class ScriptedPort:
 
     def write(self, _data: bytes) -> None:
         self.waited_at_write = len(self._parts)
-        self._parts.append(self._reply)
+        self._parts.extend(self._pieces(self._reply))
+
+    @staticmethod
+    def _pieces(data: bytes) -> list[bytes]:
+        """As much as one read of the host takes."""
+        return [data[start : start + 4096] for start in range(0, len(data), 4096)]
 
     def close(self) -> None:
         pass
@@ -150,7 +158,8 @@ def test_an_old_answer_that_is_described_only_now_does_not_count(
     kit: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     waiting = kit.Flight().frame(0) + answer(kit, 129, 0)
-    port = ScriptedPort(waiting, kit.descriptions(2, "answer", kit.ANSWER) + answer(kit, 129, 1, 2), kit)
+    described = kit.descriptions(2, "answer", kit.ANSWER) + kit.Flight().frame(0) * 50
+    port = ScriptedPort(waiting, described + answer(kit, 129, 1, 2), kit)
     monkeypatch.setattr("serial.serial_for_url", lambda *arguments, **options: port)
     assert main(["send", "socket://board:1", "mode", "navigate", "--wait", "0.5"]) == 2
     assert "mode: refused, nothing has changed: mode is not accepted (navigate needs" in capsys.readouterr().err
