@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from host.scan import find_extremes
 from host.schema import Field, Kind, Layout
 from host.source import Batch
 
@@ -311,7 +312,9 @@ class Thinner:
         if group <= 2 * len(self._watched):
             self._kept.append(rows)
             return
-        groups = rows.reshape(-1, group, rows.shape[1])
-        watched = groups[:, :, self._watched]
-        picked = np.sort(np.concatenate((watched.argmin(axis=1), watched.argmax(axis=1)), axis=1), axis=1)
-        self._kept.append(np.take_along_axis(groups, picked[:, :, np.newaxis], axis=1).reshape(-1, rows.shape[1]))
+        starts = np.arange(0, len(rows) + 1, group)
+        picked = np.empty((2 * len(self._watched), len(starts) - 1), np.int64)
+        for number, column in enumerate(self._watched):
+            lowest, highest = picked[2 * number : 2 * number + 2]
+            find_extremes(np.ascontiguousarray(rows[:, column]), starts, lowest, highest)
+        self._kept.append(rows[np.sort(picked, axis=0).T.ravel()])

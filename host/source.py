@@ -96,10 +96,10 @@ class Recording:
             elif isinstance(item, Event):
                 self.events.append(item)
                 has_time[row] = True
-        times_ns = block.chunks[has_time, TIME].tolist()
-        if times_ns and times_ns[0] != UNKNOWN_NS:
-            self.first_ns = times_ns[0] if self.first_ns is None else self.first_ns
-            self.last_ns = times_ns[-1]
+        times_ns = block.chunks[has_time, TIME]
+        if len(times_ns) and times_ns[0] != UNKNOWN_NS:
+            self.first_ns = int(times_ns[0]) if self.first_ns is None else self.first_ns
+            self.last_ns = int(times_ns[-1])
 
 
 def open_source(path: Path) -> Source:

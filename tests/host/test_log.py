@@ -5,13 +5,17 @@ from __future__ import annotations
 import errno
 import os
 import random
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from host.errors import UsageError
-from host.log import MAGIC, Chunk, Damage, Event, Item, Kind, LogWriter, check_appendable, read_log
+from host.log import MAGIC, Chunk, Damage, Event, Item, Kind, LogWriter, check_appendable, log_blocks, read_log
 
 
 def write(path: Path, count: int = 40) -> list[Item]:
@@ -132,6 +136,65 @@ def test_a_second_writer_is_refused(tmp_path: Path) -> None:
     with LogWriter(path) as log:
         log.data(2, b"b")
     assert list(read_log(path)) == [Chunk(1, b"a"), Chunk(2, b"b")]
+
+
+def reference(content: bytes) -> list[Item]:
+    """Tries a chunk at each byte in turn, as the document says: slow and obvious."""
+    found: list[Item] = []
+    position, damaged = 12, 0
+    while position < len(content):
+        length = int.from_bytes(content[position + 5 : position + 7], "little")
+        body, crc = content[position + 4 : position + 15 + length], content[position + 15 + length :][:4]
+        if content[position : position + 4] == b"\xc7LOG" and crc == zlib.crc32(body).to_bytes(4, "little"):
+            if damaged:
+                found.append(Damage(position - damaged, damaged, at_end=False))
+                damaged = 0
+            kind, time_ns, data = body[0], min(int.from_bytes(body[3:11], "little"), 2**63 - 1), body[11:]
+            if kind == 0:
+                found.append(Chunk(time_ns, data))
+            elif kind in set(Kind):
+                found.append(Event(time_ns, Kind(kind), data.decode("utf-8", "replace")))
+            position += 19 + length
+        else:
+            damaged += 1
+            position += 1
+    return [*found, Damage(position - damaged, damaged, at_end=True)] if damaged else found
+
+
+def chunk(kind: int, time_ns: int, data: bytes) -> bytes:
+    body = struct.pack("<BHQ", kind, len(data), time_ns) + data
+    return b"\xc7LOG" + body + struct.pack("<I", zlib.crc32(body))
+
+
+chunks = st.builds(chunk, st.sampled_from([0, 0, 0, 1, 4, 7, 200]), st.integers(0, 2**64 - 1), st.binary(max_size=90))
+junk = st.binary(max_size=30) | st.sampled_from([b"\xc7", b"\xc7LOG", b"\xc7LOG\x00\xff\xff" + bytes(8)])
+
+
+@pytest.mark.parametrize("block_bytes", [7, 64, 1 << 18])
+@given(data=st.data(), pieces=st.lists(chunks | chunks | junk, max_size=12))
+@settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_damage_costs_only_what_was_damaged(
+    tmp_path: Path, block_bytes: int, data: st.DataObject, pieces: list[bytes]
+) -> None:
+    content = bytearray(b"".join(pieces))
+    for position in data.draw(st.lists(st.integers(0, 1500), max_size=4)):
+        if position < len(content):
+            if data.draw(st.booleans()):
+                content[position] ^= data.draw(st.integers(1, 255))
+            else:
+                del content[position : position + data.draw(st.integers(1, 40))]
+    path = tmp_path / "a.log"
+    path.write_bytes(MAGIC + b"\1\0\0\0" + content)
+    found = [block.item(row) for block in log_blocks(path, block_bytes) for row in range(len(block.chunks))]
+    assert [item for item in found if item is not None] == reference(path.read_bytes())
+
+
+@given(content=st.binary(max_size=300))
+@settings(deadline=None, max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_bytes_raise(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.log"
+    path.write_bytes(MAGIC + b"\1\0\0\0" + content)
+    assert list(read_log(path)) == reference(path.read_bytes())
 
 
 def test_unknown_kinds_of_chunks_are_passed_over(tmp_path: Path) -> None:
