@@ -181,7 +181,7 @@ class Columns:
         self._last: dict[str, float] = {}
 
     def of(self, batch: Batch) -> dict[str, Floats]:
-        columns = {name: values.astype(np.float64) for name, values in batch.columns.items()}
+        columns = {name: values.astype(np.float64, copy=False) for name, values in batch.columns.items()}
         for field in batch.layout.fields:
             if field.kind is not Kind.QUANTITY:
                 columns.update(_lanes(field, batch.columns[field.name]))
@@ -190,7 +190,7 @@ class Columns:
             self._start_session(batch.session, time[0])
             for name in _NOT_IN_THE_FIRST_FRAME:
                 if name in columns:
-                    columns[name][0] = np.nan
+                    columns[name] = np.concatenate(([np.nan], columns[name][1:]))
         for name in _UNWRAPPED:
             if name in columns and batch.layout.by_name[name].unit == "deg":
                 self.unwrapped.add(name)

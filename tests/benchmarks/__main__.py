@@ -25,7 +25,7 @@ from firmware_sim.firmware.solver import Solver, Start
 from firmware_sim.kernels.lower_numba import C3X, DOUBLE, build
 from firmware_sim.plant.scenario import load_scenario
 from host.frames import Decoder
-from tests.benchmarks import live_page
+from tests.benchmarks import day_log, live_page
 from tests.benchmarks.interpreter_loops import GOALS, instructions_per_s
 from tests.benchmarks.solver_loop import SAMPLES, fly_a_second
 from tests.browser import CHROMIUM
@@ -53,6 +53,7 @@ def main() -> None:
     warm_start()
     decoder()
     page()
+    day_of_a_line()
     interpreter()
     transform()
     memory()
@@ -138,6 +139,48 @@ def page() -> None:
     share, median_ms, late_ms, lost = live_page.measured()
     show("host: live page, share of a core", f"{100 * share:.1f} %", "3 %")
     show("host: byte to browser, median", f"{median_ms:.0f} ms ({late_ms:.0f} ms at 99 %, {lost} lost)", "50 ms")
+
+
+def day_of_a_line() -> None:
+    """A log of 24 h, from the disk's cache: decoded, opened for drawing, drawn; and what the first use compiles.
+
+    Whole processes are given by the processor's time too, which other work on the machine does not lengthen.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        log = str(Path(folder) / "day.log")
+        day_log.write(Path(log), 24.0)
+        frames = day_log.decode(Path(log))
+        seconds = median_s(lambda: day_log.decode(Path(log)))
+        show("host: 24 h log decoded, all columns", f"{frames / seconds / 1e3:.0f} k frames/s", "500 k frames/s")
+        opened = [_run([sys.executable, "-m", "tests.benchmarks.day_log", log]) for _ in range(REPEATS)]
+        peak_mib = max(float(text) for _, _, text in opened)
+        show("host: 24 h log opened for drawing", f"{_times(opened)}, {peak_mib:.0f} MiB", "5 s, 1000 MiB")
+        (table,) = day_log.open_for_drawing(Path(log))
+        whole, part = (median_s(lambda s=s: table.window(0.0, s, 1000)) for s in (86_400.0, 1200.0))
+        show("host: its curves in 1000 points: 24 h, 20 min", f"{whole * 1e3:.1f}, {part * 1e3:.0f} ms", "-")
+        payload = [bytes(table.layout.size)]
+        seconds = median_s(lambda: [table.layout.decode(payload) for _ in range(10_000)]) / 10_000
+        show("host: one navigation frame decoded", f"{seconds * 1e6:.0f} us", "60 us")
+        for words in (("plot", log, "-o", folder), ("stats", log)):
+            runs = [_run([sys.executable, "-m", "host.cli", *words]) for _ in range(REPEATS)]
+            show(f"host: {words[0]} of it", _times(runs), "-")
+        with tempfile.TemporaryDirectory() as cache:
+            cold = _run([sys.executable, "-m", "host.cli", "stats", log], NUMBA_CACHE_DIR=cache)
+        show("host: stats of it, with compilation", _times([cold]), "-")
+
+
+def _run(command: list[str], **environment: str) -> tuple[float, float, str]:
+    """A process from start to end: its wall time and its processor time in s, and what it says."""
+    before, began_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(command, check=True, capture_output=True, text=True, env=os.environ | environment)
+    after, ended_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    processor_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return ended_s - began_s, processor_s, done.stdout
+
+
+def _times(runs: list[tuple[float, float, str]]) -> str:
+    wall_s, processor_s = (statistics.median(run[column] for run in runs) for column in (0, 1))
+    return f"{wall_s:.1f} s ({processor_s:.1f} s of CPU)"
 
 
 def interpreter() -> None:
