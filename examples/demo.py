@@ -14,7 +14,8 @@ from pathlib import Path
 
 OUTPUT = Path("demo-output")
 LINK = OUTPUT / "board" / "line"
-LOG, CSV, FIGURES, REPORT = OUTPUT / "flight.log", OUTPUT / "flight.csv", OUTPUT / "figures", OUTPUT / "report.json"
+LOG, CSV, FIGURES = OUTPUT / "flight.log", OUTPUT / "flight.csv", OUTPUT / "figures"
+REPORT, PAGE = OUTPUT / "report.json", OUTPUT / "flight.html"
 DURATION_S, REAL_TIME_RATIO = 300, 15
 BIN = Path(sys.executable).parent
 START_LIMIT_S = 30.0
@@ -50,11 +51,14 @@ def main() -> int:
     print("\n2. What the board said of itself:\n" + indented(flight.decode()), flush=True)
     summary, _, _ = output_of("nav-host", "stats", LOG).partition("\n\n")
     print("3. What the host recorded (all of it: nav-host stats):\n" + indented(summary), flush=True)
-    print("4. The log as a table and as figures ...", flush=True)
+    print("4. The log as a table, as figures and as a report ...", flush=True)
     output_of("nav-host", "export", LOG, "--to", "csv", "-o", CSV)
     output_of("nav-host", "plot", LOG, "-o", FIGURES)
-    for what, path in (("log", LOG), ("table", CSV), ("figures", FIGURES), ("report", REPORT)):
-        print(f"   {what:>8}: {path}")
+    output_of("nav-host", "report", LOG, "-o", PAGE)
+    results = {"log": LOG, "table": CSV, "figures": FIGURES, "report": PAGE, "board's own report": REPORT}
+    for what, path in results.items():
+        print(f"   {what:>18}: {path}")
+    print(f"   in a browser, like a running board: nav-host live {LOG}")
     return 0
 
 
