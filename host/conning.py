@@ -15,7 +15,7 @@ from itertools import groupby
 from host import nmea
 from host.curves import time_field
 from host.log import Event
-from host.schema import FIELD_TYPES, Field, Kind, Layout
+from host.schema import Field, Kind, Layout, prepare_decoding
 from host.stream import Arrival
 
 _HEADING_PERIOD_NS = 100_000_000
@@ -37,9 +37,6 @@ _VALID_MODE = "navigate"
 # Flags of the data sheet under which the solution of a frame is not one; of these the first leaves the position good.
 _NO_HEADING = frozenset(("gimbal", "pole", "no samples", "sensor saturated", "channel fault"))
 _NO_POSITION = _NO_HEADING - {"gimbal"}
-
-# A payload of one byte. Decoding is compiled at its first use, which must not be in the recorder's thread.
-_SMALLEST = Layout(255, "", (Field("byte", FIELD_TYPES[1], 0, Kind.QUANTITY, 1.0, "", "", ()),))
 
 Put = Callable[[str, str], None]
 
@@ -125,7 +122,7 @@ class Conning:
 
     def __init__(self, put: Put) -> None:
         self._put = put
-        _SMALLEST.decode([b"\0"])
+        prepare_decoding()
         self._readers: dict[int, tuple[Layout, _Reader]] = {}
         self._turn = nmea.RateOfTurn()
         self._heading_beat = _Beat(_HEADING_PERIOD_NS)

@@ -157,6 +157,11 @@ class Layout:
         return {name: column[0].item() for name, column in self.decode([payload]).items()}
 
 
+def prepare_decoding() -> None:
+    """Compiles what decodes payloads, which must not happen while a line waits to be read."""
+    Layout(255, "", (Field("byte", FIELD_TYPES[1], 0, Kind.QUANTITY, 1.0, "", "", ()),)).decode([b"\0"])
+
+
 @dataclass(frozen=True)
 class _Description:
     frame_type: int

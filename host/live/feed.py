@@ -11,6 +11,7 @@ from host.commands import answer_of, is_answer
 from host.live import messages
 from host.live.tables import Tables, layout_message
 from host.log import Event
+from host.schema import prepare_decoding
 from host.stream import Arrival
 
 MAX_EVENTS = 200
@@ -23,6 +24,7 @@ class Feed:
     """
 
     def __init__(self, wake: Callable[[], None]) -> None:
+        prepare_decoding()
         self.tables = Tables()
         self.events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._wake = wake

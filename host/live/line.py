@@ -44,6 +44,7 @@ class Line:
         return messages.text(
             "status",
             connected=recorder.connected,
+            trouble=recorder.trouble,
             elapsedS=round(recorder.elapsed_s, 3),
             frames=sum(counts.values()),
             descriptions=described,

@@ -43,6 +43,7 @@ class Logbook:
         return messages.text(
             "status",
             connected=False,
+            trouble="",
             elapsedS=0.0 if first_ns is None or last_ns is None else (last_ns - first_ns) * 1e-9,
             frames=stream.frames.total() - described,
             descriptions=described,

@@ -171,6 +171,7 @@ function showState() {
   const [text, kind] = stateOf(), pill = byId("state");
   pill.textContent = text;
   pill.className = `pill ${kind}`;
+  byId("trouble").textContent = status?.trouble ?? "";
   if (status) book.show({...status, ageS: hello.mode === "log" ? null : age(), log: hello.log});
 }
 
