@@ -42,12 +42,15 @@ class ClockLine:
 class EarliestArrivals:
     """The earliest arrival of each stretch of a session, in constant memory: stretches double when there are many.
 
-    `rate` are the board seconds in a host second, roughly.
+    `rate` are the board seconds in a host second, roughly. `steps_back` says whether the board's time did, as a counter
+    does that begins again.
     """
 
     def __init__(self, rate: float) -> None:
+        self.steps_back = False
         self._rate = rate
         self._size = 1
+        self._last_s = -math.inf
         self._start: tuple[float, float] | None = None
         self._rest = np.empty((0, 2))
         self._points = np.empty((0, 2))
@@ -56,6 +59,8 @@ class EarliestArrivals:
         """Takes the times of consecutive frames; host times in seconds since 1970."""
         if self._start is None:
             self._start = (float(board_s[0]), float(host_s[0]))
+        self.steps_back |= bool(board_s[0] < self._last_s or np.any(np.diff(board_s) < 0.0))
+        self._last_s = float(board_s[-1])
         rows = np.column_stack((board_s, host_s)) - self._start
         rows = np.concatenate((self._rest, rows))
         whole = len(rows) - len(rows) % self._size
@@ -73,8 +78,13 @@ class EarliestArrivals:
         return groups[np.arange(len(groups)), first]
 
     def line(self) -> ClockLine | None:
-        """The line under the arrivals; None when the session is too short to tell."""
-        if self._start is None or len(self._points) < _FEWEST_STRETCHES or np.ptp(self._points[:, 0]) <= 0.0:
+        """The line under the arrivals; None when the session is too short to tell, or the board's time steps back."""
+        if (
+            self._start is None
+            or self.steps_back
+            or len(self._points) < _FEWEST_STRETCHES
+            or np.ptp(self._points[:, 0]) <= 0.0
+        ):
             return None
         board_s, host_s = self._points.T
         slope, sigma = _slope(board_s, host_s)

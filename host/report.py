@@ -108,6 +108,8 @@ def _timing(timing: FrameTiming) -> Iterator[str]:
         yield html.paragraph(f"Grew during the recording, by the board's own count: {counts}")
     if timing.rate is None:
         yield html.paragraph("No host time is known: neither jitter nor drift can be told.", faint=True)
+    elif timing.steps_back:
+        yield html.paragraph("Its time steps back: neither jitter nor drift can be told.", faint=True)
 
 
 def _spread(spread: Spread, scale: float, pattern: str) -> tuple[str, ...]:

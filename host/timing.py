@@ -94,6 +94,8 @@ class Drift:
 class FrameTiming:
     """The timing of the frames of one name; `jitter_s` and `drifts` are empty without host time.
 
+    They are empty too where the time of the frames `steps_back`, as a counter does that begins again.
+
     Jitter is the interval between two arrivals less the interval of the board's times, without its sign.
     """
 
@@ -104,6 +106,7 @@ class FrameTiming:
     budget_cycles: float | None = None
     drifts: list[Drift] = field(default_factory=list)
     growth: dict[str, int] = field(default_factory=dict)
+    steps_back: bool = False
 
     @property
     def runs_in_real_time(self) -> bool:
@@ -159,6 +162,10 @@ class _Meter:
                 self.timing.growth[name] = self.timing.growth.get(name, 0) + int(values[-1]) - first
 
     def finish(self) -> FrameTiming:
+        if any(arrivals.steps_back for arrivals in self._earliest.values()):
+            self.timing.steps_back = True
+            self.timing.jitter_s = Spread()
+            return self.timing
         for (session, clock), arrivals in self._earliest.items():
             if (line := arrivals.line()) is not None:
                 self.timing.drifts.append(Drift(session, clock, line))
@@ -170,6 +177,8 @@ def timing_lines(timing: FrameTiming) -> Iterator[str]:
     yield f"timing of {timing.name}"
     if timing.rate is None:
         yield "  no host time is known: neither jitter nor drift can be told"
+    elif timing.steps_back:
+        yield "  its time steps back: neither jitter nor drift can be told"
     else:
         if not timing.runs_in_real_time:
             yield f"  board time runs at host time x {timing.rate:.4g}"
@@ -211,5 +220,7 @@ def _drift_lines(timing: FrameTiming) -> Iterator[str]:
 def drift_text(timing: FrameTiming, drift: Drift) -> str:
     """How far the clocks run apart; of a board that is not in real time, its rate."""
     if timing.runs_in_real_time:
-        return f"{drift.ppm:+.2f} ± {drift.uncertainty_ppm:.2f} ppm against the host's clock"
+        decimals = 1 - math.floor(math.log10(max(drift.uncertainty_ppm, 1e-3)))
+        pattern = f".{min(max(decimals, 0), 4)}f"
+        return f"{drift.ppm:+{pattern}} ± {drift.uncertainty_ppm:{pattern}} ppm against the host's clock"
     return f"{drift.line.rate:.6g} ± {_SIGMAS * drift.line.rate_sigma:.2g} s in a second of the host"

@@ -106,6 +106,28 @@ def test_too_short_to_tell_a_drift(tmp_path: Path, kit: Any) -> None:
     assert "too few frames to tell" in report(analyse(open_source(tmp_path / "a.log")))
 
 
+def test_a_counter_that_begins_again_is_no_clock(tmp_path: Path, kit: Any) -> None:
+    rows = (kit.FieldRow("count", 2, 0.1, "s"),)
+    with LogWriter(tmp_path / "a.log") as log:
+        log.data(START_NS, kit.descriptions(3, "event", rows))
+        for number in range(200):
+            log.data(START_NS + number * 10**8, kit.frame(3, kit.payload(rows, {"count": number % 90})))
+    found = analyse(open_source(tmp_path / "a.log"))
+    assert (found.timings[0].jitter_s.count, found.timings[0].drifts) == (0, [])
+    assert "its time steps back: neither jitter nor drift can be told" in report(found)
+
+
+def test_a_later_segment_alone(tmp_path: Path, kit: Any) -> None:
+    with LogWriter(tmp_path / "flight.0002.log") as log:
+        log.event(START_NS, Kind.CONTINUED, "flight.log")
+        for number in range(500, 600):
+            description = kit.descriptions() if number == 510 else b""
+            log.data(START_NS + number * 20_000_000, kit.Flight().frame(number) + description)
+    found = analyse(open_source(tmp_path / "flight.0002.log"))
+    assert (found.found.stream.lost, found.timings[0].jitter_s.count) == (0, 99)
+    assert "continued flight.log" in report(found)
+
+
 def test_stats_as_json(tmp_path: Path, kit: Any, capsys: pytest.CaptureFixture[str]) -> None:
     timed_log(tmp_path / "a.log", kit, frames=500)
     with LogWriter(tmp_path / "a.log") as log:
