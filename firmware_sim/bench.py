@@ -185,7 +185,7 @@ class NativeRun(BoardRun):
             self.announce(
                 f"compiling the {self.flight.engine} solver: once after an installation or an edit, about a minute ..."
             )
-        self.solver.compile()
+        self.processor.compile()
         if self.reference:
             self.reference.compile()
         self.board.run(self.processor, 1)

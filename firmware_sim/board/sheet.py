@@ -27,6 +27,9 @@ MIN_TICK_CYCLES = 20_000
 MIN_SAMPLE_CYCLES = 200
 """Between samples; closer ones would leave the services behind theirs no bounded time (transmit_account.py)."""
 
+MIN_KEPT_SAMPLE_CYCLES = 300
+"""The same on a board with spectra, whose A/D service keeps the samples: for the same bounded time."""
+
 LONGEST_UNFED_S = 0.09
 """The firmware feeds the watchdog behind ticks, and behind samples where ticks are longer: this leaves a tenth of its
 100 ms to the services."""
@@ -202,6 +205,13 @@ class NavigationSheet:
 
 
 @dataclass(frozen=True)
+class SpectrumSheet:
+    """[spectrum]: of the gyros, about once a second."""
+
+    points: int = _key(0, (0, 512), "samples", "length of the window: 256 or 512; 0: no spectra")
+
+
+@dataclass(frozen=True)
 class BoardSheet:
     """All values of a board. ``source`` names where they came from, for messages.
 
@@ -218,6 +228,7 @@ class BoardSheet:
     budget: BudgetSheet = BudgetSheet()
     line: LineSheet = LineSheet()
     navigation: NavigationSheet = NavigationSheet()
+    spectrum: SpectrumSheet = SpectrumSheet()
     source: str = "the default board"
 
     def __post_init__(self) -> None:
@@ -234,6 +245,7 @@ class BoardSheet:
             _check_alignment,
             _check_budget,
             _check_navigation,
+            _check_spectrum,
         ):
             complaint = check(self)
             if complaint:
@@ -472,5 +484,16 @@ def _check_navigation(sheet: BoardSheet) -> str:
         return (
             f'[navigation] gravity: expected "normal" with vertical = "external", which takes no gravity,'
             f' found "{choice.gravity}"'
+        )
+    return ""
+
+
+def _check_spectrum(sheet: BoardSheet) -> str:
+    if sheet.spectrum.points not in (0, 256, 512):
+        return f"[spectrum] points: expected 0, 256 or 512, found {sheet.spectrum.points}"
+    if sheet.spectrum.points and sheet.true_rate_hz * MIN_KEPT_SAMPLE_CYCLES > sheet.h1_hz:
+        return (
+            f"[adc] rate_hz: expected at most {sheet.h1_hz / MIN_KEPT_SAMPLE_CYCLES:.0f} Hz on a board with spectra,"
+            f" {MIN_KEPT_SAMPLE_CYCLES} cycles from sample to sample, found {sheet.adc.rate_hz:g} Hz"
         )
     return ""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -24,6 +24,15 @@ from firmware_sim.firmware.aligning import AlignmentPlan
 from firmware_sim.firmware.bounds import ServiceBounds
 from firmware_sim.firmware.calibration import CALIBRATION_WORDS, calibration_words
 from firmware_sim.firmware.chosen import navigator_of
+from firmware_sim.firmware.spectrum import (
+    FFT_SECTION,
+    SpectrumPlan,
+    check_background,
+    fft_tables,
+    rate_scale,
+    spectrum_constants,
+    spectrum_loops,
+)
 from firmware_sim.firmware.start import Start, interleaved, two_words
 from firmware_sim.firmware.transmit_account import FRACTION_BITS, RING_SIZE, TransmitLimits
 from firmware_sim.jit import remembered
@@ -46,6 +55,8 @@ FILES: Final = (
     "frame.asm",
     "commands.asm",
 )
+SPECTRUM_FILES: Final = ("spectrum.asm", "fft.asm")
+"""Of a board with spectra."""
 SERVICES: Final = {"adc_service": "INT0", "uart_service": "INT1", "tick_service": "TINT0"}
 
 _VECTOR_PAGE: Final = 1
@@ -67,6 +78,8 @@ _SECTIONS: Final = {
     "tx_ring": 0x10000,
     "rx_ring": 0x11000,
 }
+# The transform's bit-reversed pointer needs a multiple of its points, the ring one of its length.
+_SPECTRUM_SECTIONS: Final = {"spectrum": 0x7F10, FFT_SECTION: 0x8000, "pieces": 0x8800, "samples": 0x12000}
 
 
 # How often the loops of the assembly run whose counts are not in the code; what happens only in a cycle that is late
@@ -84,6 +97,7 @@ class Firmware:
     kernels: MachineProgram
     source: str
     longest_description: int
+    spectrum: SpectrumPlan | None
 
     def address(self, symbol: str) -> int:
         """The address of a label or of a variable."""
@@ -105,6 +119,7 @@ class Firmware:
             "describe_byte": self.longest_description,
             "send_word": telemetry.NAVIGATION_WORDS,
             "notify_word": 2,
+            **(spectrum_loops(self.spectrum) if self.spectrum else {}),
         }
         return Bounds(
             lambda address: words[address],
@@ -112,6 +127,11 @@ class Firmware:
             without={self.address(name) for name in without},
             slow={self.address(name) & 0xFFFF for name in _DEVICE_POINTERS},
         )
+
+    @functools.cached_property
+    def axis_bound(self) -> int:
+        """What the background takes at most for the spectrum of one axis, of execution."""
+        return self.bounds().of(self.address("spectrum"))
 
     def with_bounds(self) -> Firmware:
         """The same, with its bounds worked out: so they are kept beside it."""
@@ -158,18 +178,26 @@ def service_bounds(sheet: BoardSheet) -> ServiceBounds:
 
 
 def _assembly_text() -> str:
-    return "".join((ASSEMBLY / name).read_text(encoding="utf-8") for name in FILES)
+    return "".join((ASSEMBLY / name).read_text(encoding="utf-8") for name in (*FILES, *SPECTRUM_FILES))
 
 
 def _build(sheet: BoardSheet, start: Start | None, extra: Kernel | None) -> Firmware:
     roots = _roots(sheet)
     kernels = compile_kernels(roots if extra is None else (*roots, extra))
     hook = _extra_macro("" if extra is None else kernels.labels[extra.typed.name])
-    parts = [*_definitions(sheet, kernels), *hook, kernels.source, *_includes(), *_tables(sheet, start)]
+    plan = SpectrumPlan.of(sheet)
+    files = FILES if plan is None else (*FILES, *SPECTRUM_FILES)
+    parts = [*_definitions(sheet, kernels), *hook, kernels.source, *_includes(files), *_tables(sheet, start)]
     addresses = {**_SECTIONS, "onchip": ON_CHIP + kernels.words_on_chip}
+    if plan is not None:
+        addresses |= _SPECTRUM_SECTIONS
+        parts += fft_tables(plan.points, rate_scale(sheet, plan.points))
     source = "\n".join(parts) + "\n"
     image = assemble(source, name="firmware", addresses=addresses, include_folders=[ASSEMBLY])
-    return Firmware(image, kernels, source, max(map(len, telemetry.descriptions(sheet))))
+    firmware = Firmware(image, kernels, source, max(map(len, telemetry.descriptions(sheet))), plan)
+    if plan is not None:
+        check_background(sheet, plan, firmware.axis_bound, firmware.service_bounds)
+    return firmware
 
 
 def _roots(sheet: BoardSheet) -> tuple[Kernel, ...]:
@@ -198,8 +226,8 @@ def _extra_macro(label: str) -> list[str]:
     return ["EXTRA       .macro", *([f"            CALL    {label}"] if label else []), "            .endm"]
 
 
-def _includes() -> list[str]:
-    return [f'            .include "{name}"' for name in FILES]
+def _includes(files: Sequence[str]) -> list[str]:
+    return [f'            .include "{name}"' for name in files]
 
 
 def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
@@ -211,6 +239,7 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
     limits = TransmitLimits.of(sheet)
     first_part = max(1, round(sheet.samples_per_tick / 2))
     plan = AlignmentPlan.of(sheet)
+    spectrum = SpectrumPlan.of(sheet)
     values = {
         "ONCHIP": on_chip.first,
         "DATA_PAGE": on_chip.first >> 16,
@@ -267,6 +296,8 @@ def _definitions(sheet: BoardSheet, kernels: MachineProgram) -> Iterator[str]:
         "SCALE_COMMAND": telemetry.SCALE_COMMAND,
         "UNKNOWN_COMMAND": telemetry.UNKNOWN_COMMAND,
         "WRONG_LENGTH": telemetry.WRONG_LENGTH,
+        "SPECTRUM": int(spectrum is not None),
+        **(spectrum_constants(spectrum) if spectrum else {}),
         **{f"{name}_FLAG": value for name, value in _flags().items()},
         **{f"{name}_WORD": table.offset_of(field) // 4 for name, field in _WORDS.items()},
     }

@@ -19,6 +19,7 @@ from firmware_sim.board.timer import timer_write
 from firmware_sim.board.uart import uart_write
 from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.bounds import ServiceBounds
+from firmware_sim.firmware.native_spectrum import NativeSpectrum
 from firmware_sim.firmware.services import (
     ADC_SERVICE,
     LOST,
@@ -36,6 +37,7 @@ from firmware_sim.firmware.services import (
     run_services,
 )
 from firmware_sim.firmware.solver import Solver
+from firmware_sim.firmware.spectrum import SpectrumPlan
 from firmware_sim.firmware.stopwatch import new_stopwatch
 from firmware_sim.firmware.transmit_account import RING_SIZE, TransmitAccount, TransmitLimits
 from firmware_sim.jit import is_compiled
@@ -69,6 +71,8 @@ class NativeProcessor:
         self._next_description = 0
         self._schedule = telemetry.DescriptionClock(telemetry.DescriptionSchedule.of(sheet))
         self._account = TransmitAccount(TransmitLimits.of(sheet))
+        plan = SpectrumPlan.of(sheet)
+        self._spectrum = NativeSpectrum(sheet, plan, solver.machine) if plan else None
         self.nav_cycles = bounds.tick
         self.bounds = {
             NAV_SERVICE: bounds.tick,
@@ -83,7 +87,14 @@ class NativeProcessor:
     @property
     def is_compiled(self) -> bool:
         """Whether the first run will be quick."""
-        return self.solver.is_compiled and is_compiled(run_services)
+        spectrum_is_compiled = self._spectrum is None or self._spectrum.is_compiled
+        return self.solver.is_compiled and spectrum_is_compiled and is_compiled(run_services)
+
+    def compile(self) -> None:
+        """Make the machine code of the kernels, or load it from the cache."""
+        self.solver.compile()
+        if self._spectrum:
+            self._spectrum.compile()
 
     def run(self, circuit: Circuit, now: int, until: int) -> int:
         """Run from cycle ``now`` to ``until``; see the board's Processor."""
@@ -132,6 +143,8 @@ class NativeProcessor:
         values["samples"] = min(n1 + n2, 255)
         values["lost_samples"] = lost & _WORD
         values.update(zip(_SUMS, (sums[:CHANNELS] + sums[CHANNELS:]).tolist(), strict=True))
+        if self._spectrum:
+            self._spectrum.tick(self.state[0]["recent"], int(self.state[0]["samples"]), n1 + n2)
         self._on_step(number, sums, n1, n2, height_mm, climb_mmps)
 
     def _flags_of_samples(self, status: int, lost: int, samples: int) -> int:
@@ -171,11 +184,29 @@ class NativeProcessor:
             sent = description * described + frame * is_sent
         else:
             is_sent = self._account.admits(len(frame))
-            described = self._schedule.is_due(len(description)) and self._account.admits(len(description))
-            sent = frame * is_sent + description * described
+            piece = self._admitted_piece()
+            described = self._schedule.is_due(len(description)) and self._fits(description)
+            described = described and self._account.admits(len(description))
+            sent = frame * is_sent + piece + description * described
         self._was_dropped = not is_sent
         self.dropped_frames += self._was_dropped
         if described:
             self._next_description = (self._next_description + 1) % len(self._descriptions)
             self._schedule.sent(len(description))
         return sent
+
+    def _admitted_piece(self) -> bytes:
+        """A piece of a spectrum, where one waits and the frames have left room for it."""
+        spectrum = self._spectrum
+        if spectrum is None or not spectrum.next_piece:
+            return b""
+        piece = spectrum.next_piece
+        if not self._schedule.affords(len(piece)) or not self._fits(piece) or not self._account.admits(len(piece)):
+            return b""
+        self._schedule.spend(len(piece))
+        spectrum.sent()
+        return piece
+
+    def _fits(self, frame: bytes) -> bool:
+        """Whether behind this one the next navigation frame leaves within its tick: with spectra all keep to that."""
+        return self._spectrum is None or self._account.would_wait(len(frame)) <= self._spectrum.plan.most_waiting

@@ -28,6 +28,9 @@ _FULL_PART = 2**30
 TICK_BEGINS, TICK_ENDS, REACHED = 0, 1, 2
 NO_SERVICE = -1
 SUMS = 12
+GYROS = 3
+RING_SAMPLES = RING_SIZE // 4
+"""Samples that are kept, of four words each: on the target BK has the length of the rings of bytes."""
 SERVICES = ("adc", "uart", "nav")
 ADC_SERVICE, UART_SERVICE, NAV_SERVICE = range(3)
 
@@ -48,6 +51,7 @@ STATE = np.dtype(
         ("number", "i8"),  # of the last sample read
         ("samples", "i8"),
         ("lost", "i8"),
+        ("recent", "i8", (RING_SAMPLES, 4)),  # of the last samples: gyro x, y, z and the number, a word
         # what services take
         ("adc_cycles", "i8"),
         ("uart_cycles", "i8"),
@@ -105,8 +109,13 @@ def serve_adc(circuit: Circuit, state: NDArray[np.void]) -> int:
         state[0].n2 += 1
         part = adc.CHANNELS
     sums = state[0].sums
+    kept = state[0].recent[(state[0].samples - 1) % RING_SAMPLES]
+    kept[GYROS] = state[0].number & _WORD
     for channel in range(adc.CHANNELS):
-        wanted = sums[part + channel] + adc_read(devices, adc.FIRST_CHANNEL + channel)
+        count = adc_read(devices, adc.FIRST_CHANNEL + channel)
+        if channel < GYROS:
+            kept[channel] = count
+        wanted = sums[part + channel] + count
         # After missed ticks a sum may outgrow its word: it saturates, so that both parts still add up to one.
         sums[part + channel] = min(max(wanted, -_FULL_PART), _FULL_PART - 1)
         if wanted != sums[part + channel]:

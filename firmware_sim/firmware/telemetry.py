@@ -18,7 +18,7 @@ from firmware_sim.nav import motion
 from firmware_sim.nav.cycle import LATITUDE_UNITS_PER_RAD, LONGITUDE_UNITS_PER_RAD
 
 SYNC = b"\xeb\x90"
-DESCRIPTION, NAVIGATION, ANSWER, EVENT = range(4)
+DESCRIPTION, NAVIGATION, ANSWER, EVENT, SPECTRUM = range(5)
 """Frame types from the board; the host's commands are the next three."""
 START_COMMAND, MODE_COMMAND, SCALE_COMMAND = 128, 129, 130
 UNKNOWN_COMMAND, WRONG_LENGTH = 254, 255
@@ -115,7 +115,8 @@ def name_of(kind: int, payload: bytes) -> str:
     if kind == DESCRIPTION:
         table, field = (text.decode() for text in payload[_HEAD.size :].split(b"\0")[:2])
         return f"description of {table}.{field}"
-    return {NAVIGATION: "navigation frame", ANSWER: "answer", EVENT: "event"}.get(kind, f"frame of type {kind}")
+    names = {NAVIGATION: "navigation frame", ANSWER: "answer", EVENT: "event", SPECTRUM: "spectrum"}
+    return names.get(kind, f"frame of type {kind}")
 
 
 def navigation_table(sheet: BoardSheet) -> FrameTable:
@@ -184,9 +185,35 @@ def event_table(sheet: BoardSheet) -> FrameTable:
     )
 
 
+PIECE_BINS = 16
+"""Amplitudes in one frame of a spectrum."""
+
+
+def spectrum_table(sheet: BoardSheet) -> FrameTable:
+    """A piece of a spectrum, of a board that sends them."""
+    return FrameTable(SPECTRUM, "spectrum", tuple(_spectrum_fields(sheet)))
+
+
+def _spectrum_fields(sheet: BoardSheet) -> Iterable[Field]:
+    bin_hz = sheet.adc.rate_hz / sheet.spectrum.points
+    yield Field("transform", "u32", "", "number of the transform since start")
+    yield Field("valid_time", "u32", "s", "end of the last sample of its window", sheet.adc.period_s)
+    yield Field("axis", "u8", "", "gyro", kind=ENUMERATION, labels=("x", "y", "z"))
+    yield Field("missing", "u8", "", "samples of the window that were lost")
+    yield Field("first_frequency", "u16", "Hz", "of amplitude_00; the others follow bin by bin", bin_hz)
+    for number in range(PIECE_BINS):
+        yield Field(f"amplitude_{number:02}", "single", "deg/s", "amplitude of that bin", degrees(1.0))
+
+
+def frame_tables(sheet: BoardSheet) -> tuple[FrameTable, ...]:
+    """The types of frames that a board sends, descriptions aside."""
+    tables = (navigation_table(sheet), answer_table(), event_table(sheet))
+    return (*tables, spectrum_table(sheet)) if sheet.spectrum.points else tables
+
+
 def descriptions(sheet: BoardSheet) -> list[bytes]:
     """One complete description frame for each field of each frame type."""
-    tables = (navigation_table(sheet), answer_table(), event_table(sheet))
+    tables = frame_tables(sheet)
     return [frame for table in tables for frame in table.descriptions()]
 
 
@@ -243,7 +270,15 @@ class DescriptionClock:
 
     def is_due(self, size: int) -> bool:
         """Whether one of ``size`` bytes goes behind the frame."""
-        return self._due >= self._schedule.ticks and size <= self._credit
+        return self._due >= self._schedule.ticks and self.affords(size)
+
+    def affords(self, size: int) -> bool:
+        """Whether the frames have left so many bytes of the line."""
+        return size <= self._credit
+
+    def spend(self, size: int) -> None:
+        """So many bytes have gone that are no description."""
+        self._credit -= size
 
     def sent(self, size: int) -> None:
         """One of ``size`` bytes has gone."""

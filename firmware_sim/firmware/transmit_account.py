@@ -58,9 +58,13 @@ class TransmitAccount:
         """Another tick has come."""
         self._waiting = max(0, self._waiting - self._limits.drained)
 
+    def would_wait(self, size: int) -> int:
+        """What would wait with ``size`` more bytes, in 2^-16 bytes."""
+        return self._waiting + (size << FRACTION_BITS)
+
     def admits(self, size: int) -> bool:
         """Whether ``size`` bytes may go to the ring; they are counted then."""
-        waiting = self._waiting + (size << FRACTION_BITS)
+        waiting = self.would_wait(size)
         if waiting > self._limits.most:
             return False
         self._waiting = waiting

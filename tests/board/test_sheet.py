@@ -84,6 +84,13 @@ REFUSED = [
         "[adc] rate_hz: expected a sample every 0.09 s with so long a tick (1 s), for the watchdog of 0.1 s",
         "10 Hz",
     ),
+    ("[spectrum]\npoints = 128", "[spectrum] points: expected 0, 256 or 512", "128"),
+    ("[spectrum]\npoints = 1024", "[spectrum] points: expected an integer from 0 to 512", "1024"),
+    (
+        "[spectrum]\npoints = 256\n[processor]\nclkin_hz = 2_000_000\n[adc]\nrate_hz = 3400",
+        "[adc] rate_hz: expected at most 3333 Hz on a board with spectra, 300 cycles from sample to sample",
+        "3400",
+    ),
     ("[adc]\nbits = 30", "[adc] bits: expected a full-scale sum over one tick and one sample", "21 samples of 30 bits"),
     ("[adc]\nconversion_s = 0.002", "[adc] conversion_s: expected less than the sample period (0.001 s)", "0.002"),
     ("[processor]\nclkin_hz = 50000001", "[processor] clkin_hz: expected an even number", "50000001"),

@@ -16,6 +16,7 @@ from firmware_sim.board.sheet import (
     BoardSheet,
     CalibrationSheet,
     NavigationSheet,
+    SpectrumSheet,
     TickSheet,
     UartSheet,
 )
@@ -52,6 +53,16 @@ SHEETS = {
         navigation=NavigationSheet("enu", "krassovsky", "first-order", "original", "damped")
     ),
     "wander, damped": BoardSheet(navigation=NavigationSheet(vertical="damped")),
+    "spectra of 256": BoardSheet(spectrum=SpectrumSheet(256)),
+    "spectra of 512, aligning": BoardSheet(
+        spectrum=SpectrumSheet(512), alignment=AlignmentSheet(settling_s=26.0, coarse_s=12.0)
+    ),
+    "spectra, 60 ms, 2 kHz, 57600 baud": BoardSheet(
+        spectrum=SpectrumSheet(512),
+        tick=TickSheet(period_s=0.06),
+        adc=AdcSheet(rate_hz=2000.0, bits=20, offset_ppm=300.0),
+        uart=UartSheet(baud=57600),
+    ),
     "40 ms, 500 Hz, 57600 baud": BoardSheet(
         tick=TickSheet(period_s=0.04), adc=AdcSheet(rate_hz=500.0, bits=20), uart=UartSheet(baud=57600)
     ),
@@ -85,6 +96,9 @@ SLOW = [
         ("moored", "aligning", 4),
         ("turn", "calibrated", 2),
         ("sway", "2 kHz", 6),
+        ("sway", "spectra of 256", 2),
+        ("moored", "spectra of 512, aligning", 3),
+        ("turn", "spectra, 60 ms, 2 kHz, 57600 baud", 8),
     ],
 )
 def test_every_frame_is_the_same_but_for_the_measured_cycles(tmp_path: Path, name: str, sheet: str, seed: int) -> None:

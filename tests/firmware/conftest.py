@@ -46,12 +46,7 @@ class Target:
         return rows[rows[:, 0] == bit]
 
     def records(self, kind: int = telemetry.NAVIGATION) -> list[dict[str, int]]:
-        tables = {
-            telemetry.NAVIGATION: telemetry.navigation_table(self.sheet),
-            telemetry.ANSWER: telemetry.answer_table(),
-            telemetry.EVENT: telemetry.event_table(self.sheet),
-        }
-        table = tables[kind]
+        table = next(table for table in telemetry.frame_tables(self.sheet) if table.type == kind)
         names = [field.name for field in table.fields]
         return [
             dict(zip(names, table.layout.unpack(payload), strict=True))

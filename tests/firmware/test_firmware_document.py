@@ -27,7 +27,7 @@ def test_the_memory_is_as_the_page_says(firmware: Firmware) -> None:
 
 
 def test_the_page_names_every_file_and_every_service(firmware: Firmware) -> None:
-    assert all(f"`{name}`" in PAGE for name in build.FILES)
+    assert all(f"`{name}`" in PAGE for name in (*build.FILES, *build.SPECTRUM_FILES))
     services = re.findall(r"^(\w+_service):", (build.ASSEMBLY / "events.asm").read_text(), re.MULTILINE)
     for name in [*build.SERVICES, *services]:
         assert f"| `{name}` |" in PAGE

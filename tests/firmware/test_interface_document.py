@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firmware_sim.board.sheet import BoardSheet
+from firmware_sim.board.sheet import BoardSheet, SpectrumSheet
 from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.start import interleaved
 from firmware_sim.kernels.machines import C3X
@@ -45,6 +45,7 @@ def table(text: str, number: int = 0) -> list[list[str]]:
         ("The navigation frame (type 1)", telemetry.navigation_table(BoardSheet())),
         ("The answer (type 2)", telemetry.answer_table()),
         ("The event (type 3)", telemetry.event_table(BoardSheet())),
+        ("The spectrum (type 4)", telemetry.spectrum_table(BoardSheet(spectrum=SpectrumSheet(256)))),
     ],
 )
 def test_the_fields_of_a_frame_are_those_of_the_firmware(heading: str, of_firmware: telemetry.FrameTable) -> None:
@@ -52,8 +53,10 @@ def test_the_fields_of_a_frame_are_those_of_the_firmware(heading: str, of_firmwa
     documented = []
     for names, kind, unit, _ in table(section(INTERFACE, heading)):
         first, *others = re.findall(r"`(\w+)`", names)
+        if "` to `" in names:
+            others = [f"_{number:02}" for number in range(1, int(others[0][-2:]) + 1)]
         # `gyro_sum_x` `_y` `_z` stand for three fields.
-        full = [first, *(first[:-2] + name if name.startswith("_") else name for name in others)]
+        full = [first, *(first[: -len(name)] + name if name.startswith("_") else name for name in others)]
         documented += [(name, kind, unit) for name in full]
     assert documented == [(field.name, field.type, field.unit) for field in of_firmware.fields]
 

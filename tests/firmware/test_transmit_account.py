@@ -10,7 +10,16 @@ import pytest
 from firmware_sim import bench, bench_firmware
 from firmware_sim.bench import Flight
 from firmware_sim.board.interrupts import INT3
-from firmware_sim.board.sheet import MIN_SAMPLE_CYCLES, AdcSheet, BoardSheet, ProcessorSheet, TickSheet, UartSheet
+from firmware_sim.board.sheet import (
+    MIN_KEPT_SAMPLE_CYCLES,
+    MIN_SAMPLE_CYCLES,
+    AdcSheet,
+    BoardSheet,
+    ProcessorSheet,
+    SpectrumSheet,
+    TickSheet,
+    UartSheet,
+)
 from firmware_sim.board.uart import FIFO_SIZE
 from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.build import service_bounds
@@ -121,14 +130,15 @@ def test_a_supply_that_fails_again_and_again_takes_nothing_off() -> None:
     assert target.variable("waiting") <= TransmitLimits.of(target.sheet).most
 
 
-def test_the_delay_of_the_uart_s_service_is_bounded() -> None:
+@pytest.mark.parametrize(("points", "least"), [(0, MIN_SAMPLE_CYCLES), (512, MIN_KEPT_SAMPLE_CYCLES)])
+def test_the_delay_of_the_uart_s_service_is_bounded(points: int, least: int) -> None:
     """Interrupts are off, then the samples come that fell into that and into their own services, then the UART."""
-    sheet = BoardSheet()
+    sheet = BoardSheet(spectrum=SpectrumSheet(points))
     bounds = service_bounds(sheet)
     report = bench_firmware.run(Flight(load_scenario("sway"), sheet, "iss", 5.0))
     off = report["interrupts_off_max_cycles"]
     samples = 0
-    while off + samples * bounds.adc > samples * MIN_SAMPLE_CYCLES:
+    while off + samples * bounds.adc > samples * least:
         samples += 1
     delay = off + samples * bounds.adc + bounds.uart + FIFO_SIZE * bounds.uart_byte
     assert delay <= SERVICE_DELAY_CYCLES

@@ -29,11 +29,31 @@ adc_service:
             LDI     R0,R1
             SUBI    @number,R1
             STI     R0,@number
+            .if     SPECTRUM
+            PUSH    AR2
+            LDI     @sample_at,AR2
+            .loop   3
+            LDI     *++AR0,R0               ; a gyro: kept beside the sum
+            ADDI3   *AR1,R0,R0
+||          STI     R0,*AR2++(1)%
+            STI     R0,*AR1++
+            .endloop
+            LDI     @number,R0
+            STI     R0,*AR2++(1)%
+            STI     AR2,@sample_at
+            POP     AR2
+            .loop   3
+            LDI     *++AR0,R0
+            ADDI    *AR1,R0
+            STI     R0,*AR1++
+            .endloop
+            .else
             .loop   6
             LDI     *++AR0,R0
             ADDI    *AR1,R0
             STI     R0,*AR1++
             .endloop
+            .endif
 adc_end:    SUBI    1,R1
             ADDI    @lost,R1
             STI     R1,@lost
@@ -49,8 +69,15 @@ adc_bounded:
             STI     R0,@number
             PUSH    R2
             PUSH    AR2
+            .if     SPECTRUM
+            PUSH    AR3
+            LDI     @sample_at,AR3
+            .endif
             LDI     5,AR2
 adc_channel: LDI    *++AR0,R0
+            .if     SPECTRUM
+            STI     R0,*AR3++(1)%           ; three too many: the number and the next sample go over them
+            .endif
             ADDI    *AR1,R0
             LDI     R0,R2
             CMPI    @most,R0
@@ -64,6 +91,14 @@ adc_channel: LDI    *++AR0,R0
             OR      SATURATED,R2
             STI     R2,@adc_status
 adc_fits:   DB      AR2,adc_channel
+            .if     SPECTRUM
+            LDI     @sample_at,AR3
+            NOP     *AR3++(3)%
+            LDI     @number,R0
+            STI     R0,*AR3++(1)%
+            STI     AR3,@sample_at
+            POP     AR3
+            .endif
             POP     AR2
             POP     R2
             B       adc_end

@@ -132,14 +132,24 @@ boot_uart:  LDI     DATA_PAGE,DP
             LDI     -FROM_RESET,R0          ; the stopwatch where it would have been 0 at reset
             STI     R0,@due
 
+            .if     SPECTRUM
+            CALL    spectrum_boot
+            .endif
             LDI     SOURCES,IE
             OR      RUNNING,ST
 
-; The background: commands from the host; with long ticks the watchdog.
+; The background: commands from the host; with long ticks the watchdog; spectra.
 background: IDLE
+            .if     SPECTRUM
+background_goes_on:
+            .endif
             CALL    receive
             .if     WATCHES
             CALL    watch
+            .endif
+            .if     SPECTRUM
+            CALL    spectrum
+            BNZ     background_goes_on
             .endif
             B       background
 

@@ -12,13 +12,13 @@ fft:        LDI     fft_places,AR7
             LDI     *+AR7(2),AR1
             LDI     4,IR1
             LDI     FFT_PAIRS,IR0
-            LDI     FFT_PAIRS-2,RC
             FLOAT   *AR0++(IR1)%,R0
             MPYF    *AR2++,R0
             FLOAT   *AR0++(IR1)%,R1
             MPYF    *AR2++,R1
             RND     R0,R2
             RND     R1,R3
+            LDI     FFT_PAIRS-2,RC
             RPTB    fft_placed
             FLOAT   *AR0++(IR1)%,R0
             MPYF    *AR2++,R0
@@ -82,25 +82,23 @@ fft_placed: RND     R1,R3
             ADDI    5,AR0
 fft_four:   ADDI    5,AR1
 
-; The other stages: groups of butterflies of AR0 (above) and AR1 (below), AR2 words apart; AR3 goes through the twiddles,
-; cosine and sine, in steps of IR1 words. AR4 counts groups, AR5 stages. A butterfly's imaginary parts are stored in the
-; next one, while the memory is free; the first of a group puts back what lies before it.
-            LDI     8,AR2
+; The other stages: groups of butterflies of AR0 (above) and AR1 (below); AR3 goes through the twiddles, cosine and sine,
+; in steps of IR1 words, AR4 counts groups. A butterfly's imaginary parts are stored in the next one, while the memory is
+; free; the first of a group puts back what lies before it.
             LDI     2,IR0
-            LDI     FFT_PAIRS/2,IR1
-            LDI     FFT_PAIRS/8-1,R7
-            LDI     FFT_STAGES-1,AR5
-fft_stage:  LDI     *+AR7(2),AR0
-            LDI     R7,AR4
-            PUSH    R7
-            ADDI3   AR2,AR0,AR1
-fft_group:  LDI     AR2,RC
-            LDI     *+AR7(1),AR3
-            LSH     -1,RC
-            SUBI    1,RC
+            .eval   0, n
+            .eval   4, size                 ; butterflies of a group
+            .loop   FFT_STAGES
+            LDI     *+AR7(2),AR0
+            LDI     FFT_PAIRS/(2*size)-1,AR4
+            LDI     2*FFT_PAIRS/size,IR1
+            LDI     AR0,AR1
+            ADDI    2*size,AR1
+fft_group:n: LDI    *+AR7(1),AR3
             LDF     *-AR0(1),R2
 ||          LDF     *-AR1(1),R3
-            RPTB    fft_butterfly
+            LDI     size-1,RC
+            RPTB    fft_butterfly:n:
             LDF     *+AR3(1),R5             ; sine
 ||          LDF     *AR3++(IR1),R4          ; cosine
             LDF     *AR1,R6
@@ -124,17 +122,15 @@ fft_group:  LDI     AR2,RC
             ADDF3   R3,R5,R2
             SUBF3   R3,R5,R3
             RND     R2
-fft_butterfly: RND  R3
+fft_butterfly:n:: RND  R3
+            DBD     AR4,fft_group:n:
             STF     R2,*-AR0(1)
 ||          STF     R3,*-AR1(1)
             LDI     AR1,AR0                 ; the next group
-            ADDI    AR2,AR1
-            DB      AR4,fft_group
-            POP     R7
-            LSH     1,AR2
-            LSH     -1,IR1
-            LSH     -1,R7
-            DB      AR5,fft_stage
+            ADDI    2*size,AR1
+            .eval   n+1, n
+            .eval   2*size, size
+            .endloop
 
 ; The transform of the real samples from that of the complex ones: AR0 goes up, AR1 down to the middle.
             LDI     *+AR7(2),AR0
@@ -153,9 +149,9 @@ fft_butterfly: RND  R3
 ||          STF     R0,*AR0++(IR0)
             NOP     *AR3++(IR0)
             LDI     3,IR1
-            LDI     FFT_PAIRS/2-1,RC
             LDF     *-AR0(1),R6             ; put back by the first, as above
 ||          LDF     *+AR1(IR1),R7
+            LDI     FFT_PAIRS/2-1,RC
             RPTB    fft_split
             LDF     *AR0,R0
 ||          LDF     *+AR0(1),R1

@@ -49,6 +49,10 @@ report:     LDI     @timer1_at,AR0
             STI     R0,*AR1++
             .endloop
 
+            .if     SPECTRUM
+            CALL    spectrum_tick
+            .endif
+
 ; Descriptions use what the line has left over; one that is late goes before the frame.
             LDI     @due_words,R0
             ADDI    DESCRIPTIONS,R0
@@ -77,6 +81,9 @@ report_dropped:
             B       report_events
 report_frame:
             CALL    send_navigation
+            .if     SPECTRUM
+            CALL    spectrum_send
+            .endif
             LDI     @due_words,R0
             CMPI    DESCRIBE_TICKS,R0
             BLT     report_events
@@ -84,6 +91,10 @@ report_frame:
             LDI     *AR4,R0
             CMPI    @credit,R0
             BGT     report_events
+            .if     SPECTRUM
+            CALL    spectrum_fits
+            BGT     report_events
+            .endif
             CALL    describe
 
 ; Beside them one short frame a tick: an event, or the answer to a command.

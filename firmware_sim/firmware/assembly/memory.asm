@@ -75,6 +75,10 @@ event_sent  .usect  "onchip",1
 answer      .usect  "onchip",2      ; number of the last command, and what became of it
 has_answer  .usect  "onchip",1
 wraps       .usect  "onchip",1      ; of the stopwatch
+            .if     SPECTRUM
+sample_at   .usect  "onchip",1      ; where the next sample is kept, and where that was at the tick
+window_end  .usect  "onchip",1
+            .endif
 
 stack       .usect  "onchip",1      ; and the rest of the on-chip RAM
 

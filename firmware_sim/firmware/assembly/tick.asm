@@ -64,6 +64,10 @@ tick_service:
             LDI     *AR1,R0
 tick_latch: STI     R0,*AR2++
 ||          STI     R1,*AR1++
+            .if     SPECTRUM
+            LDI     @sample_at,R0
+            STI     R0,@window_end
+            .endif
             LDI     @samples,R2
             STI     R1,@samples
             STI     R2,@taken
