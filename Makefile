@@ -10,8 +10,9 @@ INSTALLED := $(VENV)/.installed
 demo: $(INSTALLED)
 	$(BIN)/python examples/demo.py
 
+# A file's tests stay together in one process: they share what is slow to make.
 test: lint
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses auto --dist loadfile
 
 # A million random trials of each kernel, machine code against the c3x build; an hour's flights of both mechanisations.
 nightly: $(INSTALLED)
