@@ -23,10 +23,12 @@ from host.curves import is_navigation, time_field
 from host.errors import UsageError
 from host.schema import Layout
 from host.source import Batch
-from host.table import Column, Role, Selection, columns_of, is_whole, texts_of
+from host.table import Column, Role, Selection, columns_of, texts_of
 
 Times = NDArray[np.int64]
 _NS = 1e9
+# Some years before the end of signed nanoseconds.
+_LAST_S = 9.2e9
 _LOCATION = "foxglove.LocationFix"
 # The fields of that schema: https://docs.foxglove.dev/docs/visualization/message-schemas/location-fix
 _NUMBER = {"type": "number"}
@@ -138,12 +140,13 @@ class _BoardClock:
         if field is None:
             return None
         board_s = batch.columns[field.name].astype(np.float64) + self._starts[batch.session]
-        times = _nanoseconds(np.maximum(board_s, 0.0))
+        times = _nanoseconds(board_s)
         return times, times
 
 
 def _nanoseconds(seconds: NDArray[np.float64]) -> Times:
-    return np.round(seconds * _NS).astype(np.int64)
+    """Within what the file's unsigned times and our integers have in common, whatever the line says."""
+    return np.round(np.clip(seconds, 0.0, _LAST_S) * _NS).astype(np.int64)
 
 
 def _channels(writer: Writer, layouts: tuple[Layout, ...]) -> dict[Layout, _Channel]:
@@ -194,14 +197,16 @@ def _property(column: Column) -> dict[str, str]:
     if column.role is Role.WORDS:
         return {"type": "string", "description": f"{column.field.name} in words"}
     unit = f" [{column.field.unit}]" if column.field.unit else ""
-    return {"type": "integer" if is_whole(column.field) else "number", "description": column.field.meaning + unit}
+    return {"type": "integer" if column.field.is_integer else "number", "description": column.field.meaning + unit}
 
 
 def _write_batch(writer: Writer, channel: _Channel, batch: Batch, logged: Times, published: Times) -> None:
     columns = [_values(column, batch) for column in channel.keys.values()]
     numbers = batch.columns.get("sequence")
     places = _locations(batch, logged) if channel.location is not None else iter(())
-    sequence = [0] * len(logged) if numbers is None else (numbers.astype(np.int64) % (1 << 32)).tolist()
+    sequence = [0] * len(logged)
+    if numbers is not None and numbers.dtype == np.int64:
+        sequence = (numbers % (1 << 32)).tolist()
     for number, log_ns, sent_ns, *row in zip(sequence, logged.tolist(), published.tolist(), *columns, strict=True):
         message = json.dumps(dict(zip(channel.keys, row, strict=True))).encode()
         writer.add_message(channel.number, log_ns, message, sent_ns, number)

@@ -13,7 +13,7 @@ from pyarrow import parquet
 from host.errors import UsageError
 from host.schema import Field
 from host.source import Batch
-from host.table import Column, Role, Selection, columns_of, is_whole, words_of
+from host.table import Column, Role, Selection, columns_of, words_of
 
 # Rows that are in memory at a time: about 20 MB of a navigation frame's.
 _ROWS_OF_A_GROUP = 65_536
@@ -72,7 +72,7 @@ def _name(column: Column) -> str:
 def _type(column: Column) -> Any:
     if column.field is None or column.role is Role.WORDS:
         return _TYPES[column.role]
-    return pa.int64() if is_whole(column.field) else pa.float64()
+    return pa.int64() if column.field.is_integer else pa.float64()
 
 
 def _metadata(field: Field | None) -> dict[str, str] | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from host.schema import SINGLE, Field, Kind, Layout
+from host.schema import Field, Kind, Layout
 from host.source import Batch, Recording, Source
 from host.stats import Survey
 
@@ -81,8 +81,3 @@ def texts_of(field: Field, values: NDArray[Any]) -> list[str]:
     """The words of each row."""
     numbers, texts = words_of(field, values)
     return [texts[number] for number in numbers.tolist()]
-
-
-def is_whole(field: Field) -> bool:
-    """True for a column of whole numbers (as `Field.engineering` makes them)."""
-    return field.type is not SINGLE and (field.kind is not Kind.QUANTITY or field.scale == 1.0)

@@ -42,8 +42,8 @@ class Spread:
         self._bins = np.zeros(_BINS, dtype=np.int64)
 
     def add(self, values: Floats, board_s: Floats, host_s: Floats) -> None:
-        """Takes values with the times of their frames; nan is no value."""
-        known = ~np.isnan(values)
+        """Takes values with the times of their frames; nan, or what is below 0, is no value."""
+        known = values >= 0.0
         values = values[known]
         if not len(values):
             return
@@ -155,7 +155,7 @@ class _Meter:
 
     def _count(self, batch: Batch) -> None:
         for name in _COUNTERS:
-            if name in batch.columns:
+            if name in batch.columns and batch.columns[name].dtype == np.int64:
                 values = batch.columns[name]
                 first = self._counters.get(name, int(values[0]))
                 self._counters[name] = int(values[-1])

@@ -156,6 +156,16 @@ def test_mcap_times(tmp_path: Path, kit: Any) -> None:
         assert message.publish_time <= message.log_time
 
 
+def test_numbers_of_any_size(tmp_path: Path, kit: Any) -> None:
+    rows = (kit.FieldRow("time", 3, 1e200, "s"), kit.FieldRow("sequence", 1, 0.5))
+    raw, target = tmp_path / "line.bin", tmp_path / "a.mcap"
+    raw.write_bytes(kit.descriptions(2, "x", rows) + kit.frame(2, kit.payload(rows, {"time": 9, "sequence": 1})))
+    export(open_source(raw), "mcap", target)
+    _, message, row = messages(target)["/x"][0]
+    assert row == {"session": 1, "time": 9e200, "sequence": 0.5}
+    assert message.log_time == 9_200_000_000 * SECOND_NS
+
+
 def test_mcap_location_is_what_foxglove_draws(tmp_path: Path, kit: Any) -> None:
     raw, target = tmp_path / "line.bin", tmp_path / "a.mcap"
     standby = kit.payload(kit.NAVIGATION, {"sequence": 0})

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from host.analysis import analyse
+from host.analysis import analyse, as_data
 from host.cli import main
 from host.clocks import EarliestArrivals
 from host.log import Kind, LogWriter
@@ -115,6 +115,17 @@ def test_a_counter_that_begins_again_is_no_clock(tmp_path: Path, kit: Any) -> No
     found = analyse(open_source(tmp_path / "a.log"))
     assert (found.timings[0].jitter_s.count, found.timings[0].drifts) == (0, [])
     assert "its time steps back: neither jitter nor drift can be told" in report(found)
+
+
+def test_numbers_of_any_size(tmp_path: Path, kit: Any) -> None:
+    row = kit.FieldRow
+    rows = (row("time", 3, 1e200, "s"), row("solver_cycles", 1, -1.0), row("overruns", 1, 0.5))
+    raw = tmp_path / "line.bin"
+    frames = [kit.frame(2, kit.payload(rows, {"time": n, "solver_cycles": n + 1, "overruns": n})) for n in range(9)]
+    raw.write_bytes(kit.descriptions(2, "x", rows) + b"".join(frames))
+    found = analyse(open_source(raw))
+    assert (found.timings[0].cycles.count, found.timings[0].growth) == (0, {})
+    json.dumps(as_data(found), allow_nan=False)
 
 
 def test_a_later_segment_alone(tmp_path: Path, kit: Any) -> None:
