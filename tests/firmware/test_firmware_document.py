@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_sim.board.sheet import BoardSheet
+from firmware_sim.board.sheet import BoardSheet, SpectrumSheet
 from firmware_sim.firmware import build
 from firmware_sim.firmware.build import Firmware, build_firmware, map_of
 from tests.firmware.conftest import START
@@ -24,6 +24,12 @@ def test_the_memory_is_as_the_page_says(firmware: Firmware) -> None:
     rows = re.findall(r"^\| ([0-9A-F]{6})h \| (\d+) \| `(\w+)`", PAGE, re.MULTILINE)
     documented = {name: (int(address, 16), int(words)) for address, words, name in rows}
     assert documented == {name: (part.address, part.size) for name, part in firmware.image.sections.items()}
+
+
+def test_the_page_says_what_spectra_add(firmware: Firmware) -> None:
+    with_spectra = build_firmware(BoardSheet(spectrum=SpectrumSheet(512)), START)
+    added = with_spectra.image.sections.keys() - firmware.image.sections.keys()
+    assert all(f"`{name}` ({with_spectra.image.sections[name].address:06X}h)" in PAGE for name in added)
 
 
 def test_the_page_names_every_file_and_every_service(firmware: Firmware) -> None:
