@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
@@ -26,6 +27,7 @@ from host.log import (
 )
 from host.salvage import MAX_FRAME_BYTES, Following, salvage
 from host.scan import DAMAGE_AT_END
+from host.segments import segments_of
 from host.source import Source
 
 _BLOCK_BYTES = 1 << 20
@@ -61,7 +63,7 @@ class Repair:
 
 
 def repair(source: Source, target: Path) -> Repair:
-    """Writes a log without damage; the source stays as it is.
+    """Writes a log without damage, of all segments together; the source stays as it is.
 
     Undamaged frames of a damaged stretch become data with the time of the chunk before it. Marks in the log say where
     that was. Raises UsageError when the source is no log or the target cannot be written.
@@ -75,7 +77,7 @@ def repair(source: Source, target: Path) -> Repair:
 
 class _Repairer:
     def __init__(self, path: Path, file: BinaryIO) -> None:
-        self._records = _records(path)
+        self._records = chain.from_iterable(map(_records, segments_of(path)))
         # Records that were looked at before their turn.
         self._ahead: deque[_Whole | _Stretch] = deque()
         self._file = file
@@ -172,7 +174,7 @@ class _Repairer:
 
 
 def _records(path: Path) -> Iterator[_Whole | _Stretch]:
-    """All of a log, in its order: kinds that this program does not know too."""
+    """All of one file of a log, in its order: kinds that this program does not know too."""
     with path.open("rb") as file:
         for block in log_blocks(path, _BLOCK_BYTES):
             for kind, time_ns, first, stop in block.chunks.tolist():

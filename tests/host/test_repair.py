@@ -173,6 +173,20 @@ def test_a_recording_where_a_hit_chunk_was(tmp_path: Path, kit: Any) -> None:
     assert analyse(open_source(target)).losses.causes == {Cause.LOG: 1}
 
 
+def test_segments_become_one_log(tmp_path: Path, kit: Any) -> None:
+    """Also a frame that goes on in the next file."""
+    line = kit.Flight().line(120)
+    for name, kind, part in (("a.log", Kind.OPENED, line[:5000]), ("a.0002.log", Kind.CONTINUED, line[5000:])):
+        with LogWriter(tmp_path / name) as log:
+            log.event(START_NS, kind, "a.log")
+            log.data(START_NS, part)
+    target = tmp_path / "out.log"
+    assert repair(open_source(tmp_path / "a.log"), target).chunks == 4
+    assert line_of(target) == line
+    with pytest.raises(UsageError, match="would replace the recording"):
+        repair(open_source(tmp_path / "a.log"), tmp_path / "a.0002.log")
+
+
 def test_nothing_but_damage_still_makes_a_log(tmp_path: Path, kit: Any) -> None:
     frame = kit.frame(9, b"whole")
     target = repaired(tmp_path / "in.log", MAGIC + b"\x01\0\0\0" + b"?" * 50 + frame + b"!" * 50)
