@@ -49,8 +49,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(str(error))
         return BAD_USAGE
     except _EndedError as ended:
-        say(f"the run took longer than {options.max_wall:g} s of wall time" if ended.by_watchdog else "interrupted")
-        return WALL_LIMIT if ended.by_watchdog else INTERRUPTED
+        return _end_of(ended, options)
+    except Exception:
+        # An interrupt that was lost in LLVM's calls back leaves numba with an error of its own.
+        if not _ends:
+            raise
+        return _end_of(_ends[0], options)
+
+
+def _end_of(ended: _EndedError, options: argparse.Namespace) -> int:
+    say(f"the run took longer than {options.max_wall:g} s of wall time" if ended.by_watchdog else "interrupted")
+    return WALL_LIMIT if ended.by_watchdog else INTERRUPTED
 
 
 class _EndedError(KeyboardInterrupt):
@@ -72,7 +81,7 @@ def _end(number: int, _frame: FrameType | None) -> None:
 
 
 def _report_unraisable(lost: sys.UnraisableHookArgs) -> None:
-    """LLVM calls back into Python while it compiles, where an interrupt is lost: `_Progress.show` raises it again."""
+    """LLVM calls back into Python while it compiles, where an interrupt is lost; `main` asks for it."""
     if not issubclass(lost.exc_type, _EndedError):
         sys.__unraisablehook__(lost)
 

@@ -44,6 +44,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command; gives its exit status: 0 fine, 2 bad usage or input, 130 interrupted."""
+    _interrupts.clear()
     try:
         with _handling(_interrupt):
             arguments = _parser().parse_args(argv)
@@ -52,12 +53,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         _tell(f"nav-host: {error}")
         return _USAGE_STATUS
     except KeyboardInterrupt:
-        _tell("nav-host: interrupted")
-        return _INTERRUPTED_STATUS
+        return _interrupted()
     except BrokenPipeError:
         # The reader of our output has seen enough.
         return 0
+    except Exception:
+        # LLVM calls back into Python while it compiles; an interrupt is lost there, and numba fails in its own way.
+        if not _interrupts:
+            raise
+        return _interrupted()
     return status
+
+
+def _interrupted() -> int:
+    _tell("nav-host: interrupted")
+    return _INTERRUPTED_STATUS
 
 
 @contextmanager
@@ -71,7 +81,11 @@ def _handling(handler: Callable[[int, FrameType | None], None]) -> Iterator[None
             signal.signal(number, old_handler)
 
 
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
+_interrupts: list[int] = []
+
+
+def _interrupt(number: int, _frame: FrameType | None) -> None:
+    _interrupts.append(number)
     raise KeyboardInterrupt
 
 

@@ -1,5 +1,6 @@
 """The command line: every mistake is one sentence and status 2, and what a run promises it does."""
 
+import contextlib
 import json
 import os
 import signal
@@ -178,6 +179,18 @@ def test_an_interrupted_run_leaves_no_link_and_no_folder(tmp_path, number):
     assert process.returncode == 130
     assert "Traceback" not in said
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_that_is_lost_while_numba_compiles_is_none_the_less_one(capsys, monkeypatch):
+    """A call back from compiled code drops every exception; what fails afterwards says nothing of the interrupt."""
+
+    def compiling(*_, **__):
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise RuntimeError("no compiled object yet")
+
+    monkeypatch.setattr("firmware_sim.bench.run", compiling)
+    assert status_and_sentence(capsys, "run", "static", *SHORT) == (130, "firmware-sim: interrupted\n")
 
 
 def test_a_live_link_is_refused_and_its_board_goes_on(capsys, tmp_path):

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -140,6 +141,21 @@ def test_a_signal_leaves_no_half_written_file(place: Path, number: signal.Signal
         _, errors = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, errors) == (130, "nav-host: interrupted\n")
     assert sorted(place.iterdir()) == before
+
+
+def test_an_interrupt_that_is_lost_while_numba_compiles_is_none_the_less_one(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A call back from compiled code drops every exception; what fails afterwards says nothing of the interrupt."""
+
+    def compiling(*_: object) -> None:
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise RuntimeError("no compiled object yet")
+
+    monkeypatch.setattr("host.analysis.survey", compiling)
+    assert main(["stats", str(place / "line")]) == 130
+    assert capsys.readouterr().err == "nav-host: interrupted\n"
 
 
 def test_the_handlers_of_the_caller_come_back(place: Path) -> None:

@@ -1,5 +1,6 @@
 // The numbers of now: fields of each table with their units, and the line's books.
 
+import {AMPLITUDE} from "./spectrum.js";
 import {bytes, duration, grouped, number} from "./format.js";
 
 // A narrow screen shows the curves first.
@@ -11,7 +12,7 @@ export class Readouts {
     const section = document.createElement("details"), title = document.createElement("summary"), list = document.createElement("dl");
     section.open = matchMedia(WIDE).matches;
     title.textContent = table.layout.name;
-    this.cells = Object.entries(table.layout.fields).filter(([, field]) => field.kind === "quantity").map(([name, field]) => {
+    this.cells = Object.entries(table.layout.fields).filter(isShown).map(([name, field]) => {
       const cell = row(list, name, field.unit, field.meaning);
       cell.dataset.field = `${table.layout.name}.${name}`;
       return [name, field.unit, cell];
@@ -50,6 +51,11 @@ const LINE_ROWS = {
   sessions: ["sessions", "", status => grouped(status.sessions)],
   log: ["log", "", status => status.log],
 };
+
+// The amplitudes of a spectrum are a curve.
+function isShown([name, field]) {
+  return field.kind === "quantity" && !AMPLITUDE.test(name);
+}
 
 export class LineBook {
   constructor(list) {

@@ -1,8 +1,10 @@
 // A spectrum that comes in pieces: each frame says its axis, its first frequency and the amplitudes from there on.
 
-import {number, ticks} from "./format.js";
+import {number} from "./format.js";
 
-const AMPLITUDE = /^amplitude_\d+$/;
+export const AMPLITUDE = /^amplitude_\d+$/;
+
+const LOGARITHMIC = 3;
 
 export function isSpectrum(layout) {
   return "first_frequency" in layout.fields && layout.names.some(name => AMPLITUDE.test(name));
@@ -45,7 +47,7 @@ export class Spectrum {
     this.take();
     const count = Math.max(...this.curves.map(curve => curve.length));
     const frequencies = Array.from({length: count}, (_, bin) => bin * this.width);
-    return [frequencies, ...this.curves.map(curve => Array.from({length: count}, (_, bin) => curve[bin] ?? null))];
+    return [frequencies, ...this.curves.map(curve => Array.from({length: count}, (_, bin) => curve[bin] || null))];
   }
 
   restyle() {
@@ -60,7 +62,7 @@ export class Spectrum {
     const series = this.axes.map((label, index) => ({
       label, stroke: of(`--curve-${index}`), width: 1.5, points: {show: false}, value: (_plot, value) => number(value, this.unit)}));
     this.plot = new uPlot({
-      ...this.size(), scales: {x: {time: false}}, axes: [{...axis, size: 34}, {...axis, size: 66, values: (_plot, values, _axis, _space, step) => ticks(values, step)}], cursor: {drag: {x: true, y: false}},
+      ...this.size(), scales: {x: {time: false}, y: {distr: LOGARITHMIC}}, axes: [{...axis, size: 34}, {...axis, size: 66}], cursor: {drag: {x: true, y: false}},
       series: [{label: "f", value: (_plot, value) => number(value, "Hz")}, ...series],
     }, this.data(), this.figure);
   }
