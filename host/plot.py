@@ -29,9 +29,11 @@ from host.errors import UsageError
 from host.files import replacing
 from host.schema import Layout
 from host.source import Recording, Source
+from host.spectra import Spectra, Spectrum, is_spectrum
 from host.stats import Survey, choose_frame, survey
 
 TRACK = "track"
+SPECTRUM = "spectrum"
 _WIDTH_IN = 11.0
 _DPI = 130
 # A group of points for each pixel column of a figure.
@@ -79,6 +81,7 @@ class Chart:
     columns: Columns
     curves: dict[str, Thinner]
     track: Thinner | None
+    spectra: Spectra | None = None
 
 
 def plot(source: Source, directory: Path) -> list[Path]:
@@ -176,10 +179,12 @@ def _charts(found: Survey) -> dict[str, Chart]:
         seen = {field: words for (frame, field), words in found.words.items() if frame == name}
         stride = math.ceil(sum(found.frames[each] for each in layouts) / PIXEL_COLUMNS)
         navigation = is_navigation(layout) and not has_navigation
+        spectra = Spectra(layout) if is_spectrum(layout) else None
+        plans: list[Plan] = []
         if navigation:
             has_navigation = True
             plans = list(navigation_plans(layout, seen, found.board_rate(name)))
-        else:
+        elif spectra is None:
             plans = [described_plan(layout, _file_name(layout, taken), seen)]
         taken.update(plan.name for plan in plans)
         curves = {
@@ -190,6 +195,7 @@ def _charts(found: Survey) -> dict[str, Chart]:
             Columns(found.board_rate(name) or 1.0),
             curves,
             Thinner(stride, watched=[1, 2]) if navigation else None,
+            spectra,
         )
     return charts
 
@@ -216,6 +222,8 @@ def _read(source: Source, charts: dict[str, Chart]) -> None:
             if column in columns:
                 known = ~np.isnan(columns[column])
                 thinner.add(np.column_stack((time[known], columns[column][known])))
+        if chart.spectra is not None:
+            chart.spectra.add(batch)
         if chart.track is not None and is_navigation(batch.layout):
             chart.track.add(np.column_stack((time, columns["longitude"], columns["latitude"])))
 
@@ -227,6 +235,8 @@ def _drawn(pyplot: Any, source: Source, charts: dict[str, Chart]) -> Iterator[tu
                 yield plan.name, _draw_plan(pyplot, source, plan, chart)
         if chart.track is not None:
             yield TRACK, _draw_track(pyplot, source, chart.track.rows())
+        if chart.spectra is not None and (spectra := list(chart.spectra.spectra())):
+            yield SPECTRUM, _draw_spectra(pyplot, source, spectra, chart.spectra.unit)
 
 
 def _draw_plan(pyplot: Any, source: Source, plan: Plan, chart: Chart) -> Any:
@@ -316,6 +326,23 @@ def _draw_lanes(axis: Any, panel: Panel, chart: Chart) -> None:
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.set_ylabel(panel.title)
     axis.margins(x=0.01)
+
+
+def _draw_spectra(pyplot: Any, source: Source, spectra: list[Spectrum], unit: str) -> Any:
+    size = (_WIDTH_IN, 2.1 * len(spectra) + 0.8)
+    figure, axes = pyplot.subplots(len(spectra), 1, sharex=True, squeeze=False, layout="constrained", figsize=size)
+    _head(figure, source, "Spectrum")
+    for axis, spectrum in zip(axes[:, 0], spectra, strict=True):
+        for number, (label, amplitudes) in enumerate((("greatest", spectrum.greatest), ("mean", spectrum.mean))):
+            # Nothing has no place on a logarithmic scale.
+            shown = np.where(amplitudes > 0.0, amplitudes, np.nan)
+            axis.semilogy(spectrum.frequency_hz, shown, color=f"C{1 - number}", label=label)
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.set_ylabel(f"{spectrum.axis} [{unit}]")
+        axis.margins(x=0.01)
+    axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
+    axes[-1, 0].set_xlabel("frequency [Hz]")
+    return figure
 
 
 def _draw_track(pyplot: Any, source: Source, rows: Floats) -> Any:
