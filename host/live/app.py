@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
 from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
@@ -20,12 +21,15 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from host.errors import UsageError
 from host.live import messages, requests
 from host.live.guard import Access, Guard
-from host.live.tables import Table, Tables
+from host.live.tables import Floats, Table, Tables
 
 _STATIC = Path(__file__).parent / "static"
-# A page that is so many messages behind asks for its curves anew instead.
-_MOST_WAITING = 500
+# A page that is so many messages behind is closed: it comes back by itself, and asks for its curves anew.
+MOST_WAITING = 500
+_TRY_AGAIN_LATER = 1013
 _GONE = (WebSocketDisconnect, RuntimeError)
+# Messages in their order; a future is done when those before it are sent, None closes the page.
+Waiting = asyncio.Queue[str | bytes | asyncio.Future[None] | None]
 
 
 class Show(Protocol):
@@ -48,29 +52,31 @@ class Pages:
     """The pages that are open."""
 
     def __init__(self) -> None:
-        self._queues: set[asyncio.Queue[str | bytes]] = set()
+        self._queues: set[Waiting] = set()
 
     def __len__(self) -> int:
         return len(self._queues)
 
-    def open(self) -> asyncio.Queue[str | bytes]:
+    def open(self) -> Waiting:
         """A new page: what is told goes into its queue."""
-        queue: asyncio.Queue[str | bytes] = asyncio.Queue()
+        queue = Waiting(MOST_WAITING)
         self._queues.add(queue)
         return queue
 
-    def close(self, queue: asyncio.Queue[str | bytes]) -> None:
+    def close(self, queue: Waiting) -> None:
         self._queues.discard(queue)
 
     def tell(self, message: str | bytes) -> None:
         """Sends a message to every page."""
-        for queue in self._queues:
-            if queue.qsize() >= _MOST_WAITING:
+        for queue in list(self._queues):
+            if queue.full():
                 # Slow or asleep: what it missed is in the history.
                 while not queue.empty():
                     queue.get_nowait()
-                queue.put_nowait(messages.text("behind"))
-            queue.put_nowait(message)
+                queue.put_nowait(None)
+                self.close(queue)
+            else:
+                queue.put_nowait(message)
 
 
 def application(show: Show, pages: Pages, access: Access) -> ASGIApp:
@@ -90,13 +96,14 @@ def application(show: Show, pages: Pages, access: Access) -> ASGIApp:
     async def socket(websocket: WebSocket) -> None:
         await websocket.accept()
         queue = pages.open()
-        for message in (*show.greeting(), show.status(), messages.text("ready")):
-            queue.put_nowait(message)
-        speaker = asyncio.create_task(_speak(websocket, queue))
+        greeting = (*show.greeting(), show.status(), messages.text("ready"))
+        speaker = asyncio.create_task(_speak(websocket, greeting, queue))
         try:
             with suppress(*_GONE):
                 while True:
-                    _answer(show, await websocket.receive_text(), queue)
+                    answer = _answer(show, await _heard(websocket))
+                    if answer is not None:
+                        await _said(answer, queue, speaker)
         finally:
             pages.close(queue)
             speaker.cancel()
@@ -112,25 +119,50 @@ def application(show: Show, pages: Pages, access: Access) -> ASGIApp:
     return Guard(Starlette(routes=routes), access)
 
 
-async def _speak(websocket: WebSocket, queue: asyncio.Queue[str | bytes]) -> None:
+async def _speak(websocket: WebSocket, greeting: Iterable[str | bytes], queue: Waiting) -> None:
     with suppress(*_GONE):
-        while True:
-            message = await queue.get()
-            if isinstance(message, str):
-                await websocket.send_text(message)
+        for message in greeting:
+            await _send(websocket, message)
+        while (waiting := await queue.get()) is not None:
+            if isinstance(waiting, asyncio.Future):
+                waiting.set_result(None)
             else:
-                await websocket.send_bytes(message)
+                await _send(websocket, waiting)
+        await websocket.close(_TRY_AGAIN_LATER)
 
 
-def _answer(show: Show, text: str, queue: asyncio.Queue[str | bytes]) -> None:
+async def _said(answer: str | bytes, queue: Waiting, speaker: asyncio.Task[None]) -> None:
+    """Waits until an answer is sent: answers to a page that asks for more than it takes would fill the memory."""
+    is_sent = asyncio.get_running_loop().create_future()
+    await queue.put(answer)
+    await queue.put(is_sent)
+    await asyncio.wait((is_sent, speaker), return_when=asyncio.FIRST_COMPLETED)
+
+
+async def _send(websocket: WebSocket, message: str | bytes) -> None:
+    if isinstance(message, str):
+        await websocket.send_text(message)
+    else:
+        await websocket.send_bytes(message)
+
+
+async def _heard(websocket: WebSocket) -> str | bytes:
+    message = await websocket.receive()
+    if message["type"] == "websocket.disconnect":
+        raise WebSocketDisconnect
+    text: str | bytes = message.get("bytes") or message.get("text") or ""
+    return text
+
+
+def _answer(show: Show, text: str | bytes) -> str | bytes | None:
     try:
         request = requests.parse(text)
         if isinstance(request, requests.Window):
-            queue.put_nowait(_window(show, request))
-        else:
-            show.obey(request)
+            return _window(show, request)
+        show.obey(request)
     except UsageError as error:
-        queue.put_nowait(messages.text("refused", text=str(error)))
+        return messages.text("refused", text=str(error))
+    return None
 
 
 def _window(show: Show, request: requests.Window) -> bytes:
@@ -159,8 +191,14 @@ def _file_name(table: Table) -> str:
     return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in table.layout.name)
 
 
-def _csv(table: Table, start_s: float, stop_s: float) -> Iterator[str]:
-    yield ",".join(f'"{name}"' for name in table.titles) + "\n"
+async def _csv(table: Table, start_s: float, stop_s: float) -> AsyncIterator[str]:
+    """Rows are read here, where they are added too; only their texts are made in another thread."""
+    yield ",".join('"{}"'.format(name.replace('"', '""')) for name in table.titles) + "\n"
     for rows in table.rows(start_s, stop_s):
-        for row in rows.T.tolist():
-            yield ",".join("" if math.isnan(value) else repr(value) for value in row) + "\n"
+        yield await run_in_threadpool(_lines, rows)
+
+
+def _lines(rows: Floats) -> str:
+    return "".join(
+        ",".join("" if math.isnan(value) else repr(value) for value in row) + "\n" for row in rows.T.tolist()
+    )

@@ -52,7 +52,7 @@ class Access:
         if self.token is None and name not in _LOOPBACK_NAMES:
             return f"host: expected localhost or 127.0.0.1, found {name!r}"
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and origin.partition("://")[2] != host:
             return f"origin: expected a page of {host}, found one of {origin}"
         if self.token is not None and not self._is_right(_token_of(headers, query, cookie_name)):
             return (

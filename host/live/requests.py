@@ -88,16 +88,17 @@ _PARSERS: dict[str, Callable[[Mapping[str, Any]], Request]] = {"window": _window
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        # A whole number that is beyond the floats.
+        return False
 
 
 def _number(content: Mapping[str, Any], name: str) -> float:
     value = content.get(name)
-    try:
-        if _is_number(value):
-            return float(value)  # type: ignore[arg-type]
-    except OverflowError:
-        pass
+    if _is_number(value):
+        return float(value)  # type: ignore[arg-type]
     raise UsageError(f"request: expected a number for {name}, found {value!r:.80}")
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import uvicorn
@@ -18,14 +19,18 @@ from host.live.feed import Feed
 from host.live.guard import Access, is_loopback, new_token
 from host.live.line import Line
 from host.live.logbook import Logbook
+from host.log import Event
 from host.record import Recorder, Request
 from host.source import Source
+from host.stream import Arrival
 
 DEFAULT_ADDRESS = ("127.0.0.1", 8000)
 # Frames wait so long for others, so that a fast line costs no message for each.
 _GATHER_S = 0.04
 _STATUS_PERIOD_S = 0.25
 _MOST_REQUEST_BYTES = 1 << 16
+# It stands in an address and in a cookie as it is.
+_TOKEN = re.compile(r"[A-Za-z0-9._~-]+")
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,8 @@ class Address:
         host, port = DEFAULT_ADDRESS if text is None else _split(text)
         if token is None and not is_loopback(host):
             token = new_token()
+        if token is not None and not _TOKEN.fullmatch(token):
+            raise UsageError("--token: expected letters, digits, and any of - . _ ~, found something else or nothing")
         return cls(host, port, token)
 
     def bound(self) -> socket.socket:
@@ -58,6 +65,8 @@ class Address:
                 raise
         except OSError as error:
             raise UsageError(f"--http {self.host}:{self.port}: cannot be opened: {error.strerror}") from None
+        except UnicodeError:
+            raise UsageError(f"--http {self.host}:{self.port}: cannot be opened: that is no host's name") from None
         return listening
 
     def url(self, listening: socket.socket) -> str:
@@ -166,6 +175,21 @@ class _Uvicorn(uvicorn.Server):
         yield
 
 
+class _Announcement:
+    """Says something once a recording has begun."""
+
+    def __init__(self, say: Callable[[], None]) -> None:
+        self._say: Callable[[], None] | None = say
+
+    def hear(self, time_ns: int, data: bytes, arrivals: Sequence[Arrival]) -> None:
+        pass
+
+    def notice(self, event: Event) -> None:
+        if self._say is not None:
+            self._say()
+            self._say = None
+
+
 def serve_line(
     request: Request,
     address: Address,
@@ -194,10 +218,11 @@ def serve_line(
             server.stop()
 
     with contextlib.closing(address.bound()) as listening, outlets(recorder):
+        text = f"{request.port}: recorded to {request.log}, shown at {address.url(listening)}"
+        recorder.add_listener(_Announcement(lambda: say(text)))
         thread = threading.Thread(target=record, name="recorder")
         thread.start()
         try:
-            say(f"{request.port}: recorded to {request.log}, shown at {address.url(listening)}")
             server.run(Service(line, listening, address.token, feed.take))
         finally:
             stopping.set()

@@ -65,7 +65,6 @@ const heard = {
     shows.set(table, show);
   },
   ready() { renew(); },
-  behind() { renew(); },
   rows(message) {
     const table = tables.get(message.table);
     if (!table) return;

@@ -7,17 +7,20 @@ import csv
 import io
 import json
 import struct
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
 
 from host.errors import UsageError
-from host.live.app import Pages, application
+from host.live.app import MOST_WAITING, Pages, application
 from host.live.guard import Access
 from host.live.logbook import Logbook
 from host.source import open_source
@@ -33,10 +36,15 @@ def columns_of(message: bytes) -> tuple[dict[str, Any], np.ndarray[Any, np.dtype
 
 
 @pytest.fixture
-def client(tmp_path: Path, kit: Any) -> TestClient:
+def show(tmp_path: Path, kit: Any) -> Logbook:
     path = tmp_path / "flight.raw"
     path.write_bytes(kit.Flight().line(FRAMES))
-    return TestClient(application(Logbook(open_source(path)), Pages(), Access()), base_url="http://127.0.0.1")
+    return Logbook(open_source(path))
+
+
+@pytest.fixture
+def client(show: Logbook) -> TestClient:
+    return TestClient(application(show, Pages(), Access()), base_url="http://127.0.0.1")
 
 
 @contextmanager
@@ -115,6 +123,68 @@ def test_what_cannot_be_done_is_refused_and_the_page_goes_on(
         assert ask(socket, **WINDOW)[0]["rows"] == FRAMES
 
 
+def test_bytes_are_read_as_text(client: TestClient) -> None:
+    with page(client) as socket:
+        socket.send_bytes(b"\xff\x00")
+        assert json.loads(socket.receive_text())["text"] == "request: expected JSON, found something else"
+        socket.send_bytes(json.dumps(WINDOW).encode())
+        assert columns_of(socket.receive_bytes())[0]["rows"] == FRAMES
+
+
+def test_a_page_that_asks_but_takes_nothing_is_not_heard(show: Logbook) -> None:
+    """Its answers would wait in memory."""
+    scope = {"type": "websocket", "path": "/line", "headers": [(b"host", b"localhost")], "query_string": b""}
+    heard: list[int] = []
+
+    async def receive() -> dict[str, Any]:
+        heard.append(1)
+        return {"type": "websocket.receive" if heard[1:] else "websocket.connect", "text": json.dumps(WINDOW)}
+
+    async def send(message: dict[str, Any]) -> None:
+        if message["type"] != "websocket.accept":
+            await asyncio.Event().wait()
+
+    async def visit() -> None:
+        task = asyncio.create_task(application(show, Pages(), Access())(scope, receive, send))  # type: ignore[arg-type]
+        for _ in range(1000):
+            await asyncio.sleep(0)
+        task.cancel()
+
+    asyncio.run(visit())
+    assert len(heard) == 2
+
+
+def test_frames_are_read_for_an_export_where_they_are_added(show: Logbook, monkeypatch: pytest.MonkeyPatch) -> None:
+    """History has one file position: two threads would write to each other's places."""
+    threads: list[int] = []
+    (table,) = show.tables
+    rows = table.rows
+
+    def watched(start_s: float, stop_s: float) -> Iterator[Any]:
+        for piece in rows(start_s, stop_s):
+            threads.append(threading.get_ident())
+            yield piece
+
+    monkeypatch.setattr(table, "rows", watched)
+
+    async def export() -> str:
+        transport = httpx.ASGITransport(application(show, Pages(), Access()))
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+            return (await client.get("/export.csv?table=0")).text
+
+    assert asyncio.run(export()).count("\n") == 1 + FRAMES
+    assert threads == [threading.get_ident()]
+
+
+def test_titles_of_an_export_may_hold_quotes(tmp_path: Path, kit: Any) -> None:
+    rows = (kit.FieldRow('bore "A", left', 1, 1.0, "mm"),)
+    path = tmp_path / "a.raw"
+    path.write_bytes(kit.descriptions(9, "engine", rows) + kit.frame(9, kit.payload(rows, {rows[0].name: 5})))
+    app = application(Logbook(open_source(path)), Pages(), Access())
+    text = TestClient(app, base_url="http://127.0.0.1").get("/export.csv?table=0").text
+    assert list(csv.reader(io.StringIO(text))) == [["number of the frame", 'bore "A", left [mm]'], ["0.0", "5.0"]]
+
+
 def test_export_is_what_is_seen(client: TestClient) -> None:
     answer = client.get("/export.csv?table=0&start=1.0&stop=2.0")
     assert answer.headers["content-disposition"] == 'attachment; filename="navigation.csv"'
@@ -147,12 +217,25 @@ def test_a_log_without_frames_is_refused(tmp_path: Path, kit: Any) -> None:
         Logbook(open_source(path))
 
 
-def test_a_slow_page_is_told_that_it_is_behind() -> None:
-    async def slow() -> list[str | bytes]:
+def test_a_slow_page_is_closed() -> None:
+    """It comes back by itself: layouts, events and answers that it missed would not come again."""
+
+    async def slow() -> tuple[int, list[object]]:
         pages = Pages()
         queue = pages.open()
-        for number in range(501):
+        for number in range(MOST_WAITING + 2):
             pages.tell(str(number))
-        return [queue.get_nowait() for _ in range(queue.qsize())]
+        return len(pages), [queue.get_nowait() for _ in range(queue.qsize())]
 
-    assert asyncio.run(slow()) == ['{"kind":"behind"}', "500"]
+    assert asyncio.run(slow()) == (0, [None])
+
+
+def test_a_page_that_was_closed_hears_why(show: Logbook) -> None:
+    pages = Pages()
+    client = TestClient(application(show, pages, Access()), base_url="http://127.0.0.1")
+    with page(client) as socket:
+        # In one step, so that the page can take nothing meanwhile.
+        socket.portal.call(lambda: [pages.tell("late") for _ in range(MOST_WAITING + 1)])
+        with pytest.raises(WebSocketDisconnect) as closed:
+            socket.receive_text()
+    assert closed.value.code == 1013

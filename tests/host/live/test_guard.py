@@ -31,7 +31,7 @@ def test_a_name_that_was_made_to_lead_here_is_refused(host: str) -> None:
 
 def test_only_the_own_page_may_ask() -> None:
     assert refusal(Access(), origin="http://localhost:8000") is None
-    for origin in ("http://evil.example", "http://localhost:8001", "null", "http://127.0.0.1:8000"):
+    for origin in ("http://evil.example", "http://localhost:8001", "null", "http://127.0.0.1:8000", "http://[", ""):
         assert "expected a page of localhost:8000" in (refusal(Access(), origin=origin) or "")
 
 

@@ -56,7 +56,13 @@ def test_a_bad_mark_is_refused(text: object) -> None:
 
 
 @pytest.mark.parametrize(
-    "content", [{"name": 1}, {"name": "mode", "values": [1]}, {"name": "m", "values": {"a": None}}]
+    "content",
+    [
+        {"name": 1},
+        {"name": "mode", "values": [1]},
+        {"name": "m", "values": {"a": None}},
+        {"name": "m", "values": {"a": 10**400}},
+    ],
 )
 def test_a_bad_command_is_refused(content: dict[str, Any]) -> None:
     with pytest.raises(UsageError, match="command"):
