@@ -53,6 +53,10 @@ def test_curves_move_and_numbers_are_those_of_the_log(browser: Any, live: tuple[
         assert page.inner_text("#state") == "live"
         assert page.inner_text("#mode") == "navigate"
         pitch = page.locator('figure[data-panel="navigation/attitude/pitch [deg]"] canvas')
+        solver = page.locator('figure[data-panel="navigation/timing/solver [cycles]"]')
+        solver.scroll_into_view_if_needed()
+        until(page, "document.querySelector('figure[data-panel*=solver] small').textContent.includes('of 20 ms')")
+        pitch.scroll_into_view_if_needed()
         before, picture = sequence(page), pitch.evaluate("canvas => canvas.toDataURL()")
         wait_for_rows(page, before + 25)
         assert pitch.evaluate("canvas => canvas.toDataURL()") != picture

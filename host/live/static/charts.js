@@ -156,9 +156,10 @@ class Curves extends Plotted {
     super.draw();
     const {limit, columns} = this.panel;
     if (limit === null) return;
-    const now = this.surroundings.value(this.table, columns[0]);
-    if (now !== undefined && now !== null)
-      this.figure.querySelector("small").textContent = `${(100 * now / limit).toFixed(2)} % of the tick's ${number(limit)}`;
+    const now = this.surroundings.value(this.table, columns[0]), tickMs = 1000 * this.table.layout.fields.tick.scale;
+    if (now === undefined || now === null) return;
+    const share = now / limit, used = `${(share * tickMs).toPrecision(2)} of ${Number(tickMs.toPrecision(6))} ms`;
+    this.figure.querySelector("small").textContent = `${(100 * share).toFixed(2)} % of the tick: ${used}`;
   }
 
   limit(plot, ctx, bbox) {
