@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 # Ten headings and rates of turn a second fill the 4800 baud that NMEA 0183 began with.
 NMEA_BAUDS = (38_400, 4800)
+# What the system's calls take for a rate, and more than any disk holds.
+_MOST_BAUD = 2**31 - 1
+_MOST_BYTES = 10**15
 
 
 def add_to(commands: Any, say: Callable[[str], None]) -> None:
@@ -114,15 +117,16 @@ def seconds(text: str) -> float:
 
 def baud(text: str) -> int:
     """A number of bits per second, as a type of argparse."""
-    return _whole(text, "bits per second")
+    return _whole(text, "bits per second", _MOST_BAUD)
 
 
 def count(text: str) -> int:
     """A number of bytes, as a type of argparse."""
-    return _whole(text, "bytes")
+    return _whole(text, "bytes", _MOST_BYTES)
 
 
-def _whole(text: str, what: str) -> int:
-    if not text.isascii() or not text.isdigit() or not 0 < len(text) < 16 or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"expected a whole number of {what} above 0, found {text!r}")
-    return int(text)
+def _whole(text: str, what: str, most: int) -> int:
+    number = int(text) if text.isascii() and text.isdigit() and len(text) <= len(str(most)) else 0
+    if not 0 < number <= most:
+        raise argparse.ArgumentTypeError(f"expected a whole number of {what} from 1 to {most}, found {text!r}")
+    return number

@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 _STRETCHES = 64
 _FEWEST_STRETCHES = 8
 _DISTANT = 4.0
+# A board's time that runs so many times faster or slower than it should is none.
+_MOST_UNLIKE = 1e6
 # The standard deviation of normal noise is this times its median absolute deviation.
 _SIGMA_OF_MAD = 1.4826
 
@@ -42,8 +44,9 @@ class ClockLine:
 class EarliestArrivals:
     """The earliest arrival of each stretch of a session, in constant memory: stretches double when there are many.
 
-    `rate` are the board seconds in a host second, roughly. `steps_back` says whether the board's time did, as a counter
-    does that begins again.
+    `rate` are the board seconds in a host second, roughly. Inside, the board's times are divided by it: whatever unit a
+    line describes, both clocks count about the same seconds then. `steps_back` says whether the board's time did, as a
+    counter does that begins again.
     """
 
     def __init__(self, rate: float) -> None:
@@ -61,7 +64,7 @@ class EarliestArrivals:
             self._start = (float(board_s[0]), float(host_s[0]))
         self.steps_back |= bool(board_s[0] < self._last_s or np.any(np.diff(board_s) < 0.0))
         self._last_s = float(board_s[-1])
-        rows = np.column_stack((board_s, host_s)) - self._start
+        rows = np.column_stack(((board_s - self._start[0]) / self._rate, host_s - self._start[1]))
         rows = np.concatenate((self._rest, rows))
         whole = len(rows) - len(rows) % self._size
         self._rest = rows[whole:]
@@ -74,26 +77,24 @@ class EarliestArrivals:
 
     def _earliest(self, rows: Floats, size: int) -> Floats:
         groups = rows.reshape(-1, size, 2)
-        first = np.argmin(groups[:, :, 1] - groups[:, :, 0] / self._rate, axis=1)
+        first = np.argmin(groups[:, :, 1] - groups[:, :, 0], axis=1)
         return groups[np.arange(len(groups)), first]
 
     def line(self) -> ClockLine | None:
         """The line under the arrivals; None when the session is too short to tell, or the board's time steps back."""
-        if (
-            self._start is None
-            or self.steps_back
-            or len(self._points) < _FEWEST_STRETCHES
-            or np.ptp(self._points[:, 0]) <= 0.0
-        ):
+        if self._start is None or self.steps_back or len(self._points) < _FEWEST_STRETCHES:
             return None
         board_s, host_s = self._points.T
+        if not np.ptp(host_s) < _MOST_UNLIKE * np.ptp(board_s) < _MOST_UNLIKE**2 * np.ptp(host_s):
+            return None
         slope, sigma = _slope(board_s, host_s)
         if slope <= 0.0:
             return None
         # No frame was sent after it arrived.
         intercept = float(np.min(host_s - slope * board_s))
         board_start_s, host_start_s = self._start
-        return ClockLine(1.0 / slope, sigma / slope**2, host_start_s + intercept, board_start_s)
+        rate = self._rate / slope
+        return ClockLine(rate, rate * sigma / slope, host_start_s + intercept, board_start_s)
 
 
 def _slope(x: Floats, y: Floats) -> tuple[float, float]:

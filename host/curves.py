@@ -105,13 +105,15 @@ def _timing_plan(fields: Mapping[str, Field], board_rate: float | None) -> Itera
 
 
 def tick_budget_cycles(fields: Mapping[str, Field]) -> float | None:
-    """Processor cycles from one tick to the next, where the scales tell: `tick` counts ticks, `deadline` TIMER0.
+    """Processor cycles from one tick to the next, where the scales tell (1 or more): `tick` counts ticks, `deadline`
+    TIMER0.
 
     A timer of the TMS320C3x counts every second cycle (SPRU031, chapter 12).
     """
     if "tick" not in fields or "deadline" not in fields:
         return None
-    return 2.0 * fields["tick"].scale / fields["deadline"].scale
+    budget = 2.0 * fields["tick"].scale / fields["deadline"].scale
+    return budget if 1.0 <= budget < np.inf else None
 
 
 def described_plan(layout: Layout, file_name: str, seen: Mapping[str, Iterable[str]]) -> Plan:

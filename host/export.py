@@ -11,7 +11,7 @@ from pathlib import Path
 
 from host.errors import UsageError
 from host.files import replacing
-from host.schema import SINGLE, Field, Kind
+from host.schema import SINGLE, Field
 from host.source import Batch, Source
 from host.stats import choose_frame, survey
 from host.table import Column, Role, Selection, columns_of, texts_of
@@ -101,7 +101,7 @@ def _number_format(field: Field) -> str:
     """
     if field.type is SINGLE:
         return _SINGLE_FORMAT
-    if field.kind is not Kind.QUANTITY or field.scale == 1.0:
+    if field.is_integer:
         return "%d"
     for decimals in range(_MOST_DECIMALS + 1):
         if round(field.scale, decimals) == field.scale:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from host.curves import time_field
 from host.frames import Decoder, Frame
 from host.log import REPAIRED, REPAIRED_END, Chunk, Damage, Event, Kind
-from host.schema import DESCRIPTION_TYPE, SINGLE, Layout, Schema
+from host.schema import DESCRIPTION_TYPE, Layout, Schema
 from host.schema import Kind as FieldKind
 from host.stream import SequenceAccount
 
@@ -164,14 +164,12 @@ class _Walk:
                 self._count(layout, frame.payload, time_ns)
 
     def _count(self, layout: Layout, payload: bytes, time_ns: int | None) -> None:
-        sequence = layout.by_name.get("sequence")
-        if sequence is None or sequence.type is SINGLE:
+        numbered = layout.number_of(payload)
+        if numbered is None:
             return
-        size = sequence.type.size
-        number = int.from_bytes(payload[sequence.offset : sequence.offset + size], "little")
         account = self._accounts.setdefault(layout.type, SequenceAccount())
         after = account.previous
-        missing = account.see(number, 1 << 8 * size)
+        missing = account.see(*numbered)
         before = self._before.get(layout.type)
         # Around each frame that was saved others may be lost.
         self._log_damages += self._is_repaired

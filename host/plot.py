@@ -376,8 +376,5 @@ def _draw_track(pyplot: Any, source: Source, rows: Floats) -> Any:
     return figure
 
 
-def _metre_scale(origin_deg: float, metres_per_degree: float) -> tuple[Any, Any]:
-    return (
-        lambda degrees: (degrees - origin_deg) * metres_per_degree,
-        lambda metres: metres / metres_per_degree + origin_deg,
-    )
+def _metre_scale(origin_deg: float, degree_m: float) -> tuple[Any, Any]:
+    return lambda degrees: (degrees - origin_deg) * degree_m, lambda metres: metres / degree_m + origin_deg

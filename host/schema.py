@@ -124,6 +124,13 @@ class Layout:
         found = self.by_name.get("sequence")
         return None if found is None or found.type is SINGLE else found
 
+    def number_of(self, payload: bytes) -> tuple[int, int] | None:
+        """The running number of a frame, and the modulus at which it wraps; None without one."""
+        if self.sequence is None:
+            return None
+        at, size = self.sequence.offset, self.sequence.type.size
+        return int.from_bytes(payload[at : at + size], "little"), 1 << 8 * size
+
     @cached_property
     def _plan(self) -> tuple[NDArray[np.int64], NDArray[np.float64], int, int]:
         """What `host.scan.decode_payloads` needs: the fields, their scales, how many are float64 and how many int64."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from host.frames import Decoder, Frame
@@ -15,7 +15,6 @@ from host.schema import DESCRIPTION_TYPE, Layout, Schema
 
 # Frames of a type that is not described yet wait for their description; at 50 frames a second it takes one second.
 MAX_HELD_FRAMES = 20_000
-MAX_GAPS = 1000
 
 
 class Arrival(NamedTuple):
@@ -39,7 +38,6 @@ class SequenceAccount:
     lost: int = 0
     duplicates: int = 0
     restarts: int = 0
-    gaps: list[tuple[int, int]] = field(default_factory=list)
     previous: int | None = None
 
     def see(self, number: int, modulus: int) -> int:
@@ -50,10 +48,7 @@ class SequenceAccount:
             return 0
         missing = (number - previous - 1) % modulus
         if missing < modulus // 2:
-            if missing:
-                self.lost += missing
-                if len(self.gaps) < MAX_GAPS:
-                    self.gaps.append((previous, missing))
+            self.lost += missing
             return missing
         if number == previous:
             self.duplicates += 1
@@ -172,12 +167,8 @@ class Stream:
         return (Arrival(layout, session.number, time_ns, payload),)
 
     def _count(self, layout: Layout, payload: bytes) -> int:
-        sequence = layout.sequence
-        if sequence is None:
-            return 0
-        size = sequence.type.size
-        number = int.from_bytes(payload[sequence.offset : sequence.offset + size], "little")
-        return self.see(layout.type, number, 1 << 8 * size)
+        numbered = layout.number_of(payload)
+        return 0 if numbered is None else self.see(layout.type, *numbered)
 
     def see(self, frame_type: int, number: int, modulus: int) -> int:
         """Takes the running number of a frame; gives the count lost before it. A restart opens a session."""

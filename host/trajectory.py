@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from host.curves import is_navigation, time_field
+from host.curves import is_navigation
 from host.errors import UsageError
 from host.log import is_log
 from host.schema import Layout
@@ -80,12 +80,8 @@ def trajectory_of(source: Source) -> Trajectory:
 
 
 def _titles(layout: Layout) -> dict[str, tuple[str, str | None]]:
-    """Name in the frame -> name and unit, with the board's time under the first name of time."""
-    time = time_field(layout)
-    names = {field.name: (field.name, field.unit or None) for field in layout.fields}
-    if time is not None:
-        names[time.name] = ("valid_time", time.unit)
-    return names
+    """Name in the frame -> name and unit."""
+    return {field.name: (field.name, field.unit or None) for field in layout.fields}
 
 
 def read_trajectory(path: Path) -> Trajectory:

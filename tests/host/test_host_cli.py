@@ -53,6 +53,7 @@ MISTAKES = [
     ("record {}/none --log {}/new --duration nan", "found 'nan'"),
     ("record {}/none --log {}/new --duration soon", "found 'soon'"),
     ("record {}/none --log {}/new --baud -5", "found '-5'"),
+    ("record {}/none --log {}/new --baud 2147483648", "bits per second from 1 to 2147483647, found '2147483648'"),
     ("stats {}/none", "none: cannot be read: No such file or directory"),
     ("stats {}/dir", "expected a log, found a directory"),
     ("stats /dev/zero", "expected a log, found what is not a file"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -189,6 +190,12 @@ def test_the_budget_follows_from_the_scales(tmp_path: Path, kit: Any) -> None:
     (layout,) = survey(open_source(raw)).frames
     assert tick_budget_cycles(layout.by_name) == pytest.approx(500_000, rel=1e-12)
     assert tick_budget_cycles({}) is None
+    for scales in ((-0.02, 80e-9), (1e-200, 1e190), (1e200, 1e-190)):
+        odd = {
+            name: replace(layout.by_name[name], scale=scale)
+            for name, scale in zip(("tick", "deadline"), scales, strict=True)
+        }
+        assert tick_budget_cycles(odd) is None
 
 
 def test_an_unknown_frame_is_planned_from_its_description(tmp_path: Path, kit: Any) -> None:

@@ -40,7 +40,7 @@ def test_numbers_of_a_log(tmp_path: Path, kit: Any) -> None:
     stream = found.stream
     assert found.frame_names() == ["navigation"]
     assert [(session.frames, session.lost) for session in stream.sessions] == [(95, 5), (100, 0)]
-    assert stream.accounts[1].gaps == [(29, 4), (49, 1)]
+    assert stream.accounts[1].lost == 5
     assert (stream.decoder.damaged, stream.decoder.skipped_bytes) == (1, 108)
     assert found.span_s == pytest.approx(102.0, abs=1e-6)
     assert found.words["navigation", "mode"] == {"coarse": 195}

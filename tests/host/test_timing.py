@@ -139,6 +139,27 @@ def test_a_later_segment_alone(tmp_path: Path, kit: Any) -> None:
     assert "continued flight.log" in report(found)
 
 
+@pytest.mark.parametrize("scales", [
+    {"valid_time": 1e200},
+    {"valid_time": 1e-190},
+    {"valid_time": -0.001},
+    {"tick": 1e-190},
+    {"tick": 1e190, "deadline": 1e-190},
+    {"solver_cycles": -1.0},
+])  # fmt: skip
+def test_scales_that_no_board_has(
+    tmp_path: Path, kit: Any, capsys: pytest.CaptureFixture[str], scales: dict[str, float]
+) -> None:
+    rows = tuple(kit.replace(row, scale=scales.get(row.name, row.scale)) for row in kit.NAVIGATION)
+    with LogWriter(tmp_path / "a.log") as log:
+        log.data(START_NS, kit.descriptions(rows=rows))
+        for number in range(200):
+            log.data(START_NS + 20_000_000 * number, kit.Flight().frame(number))
+    assert main(["stats", str(tmp_path / "a.log"), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert data["frames"][0]["frames"] == 200
+
+
 def test_stats_as_json(tmp_path: Path, kit: Any, capsys: pytest.CaptureFixture[str]) -> None:
     timed_log(tmp_path / "a.log", kit, frames=500)
     with LogWriter(tmp_path / "a.log") as log:
