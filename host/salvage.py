@@ -18,6 +18,7 @@ from host.log import CHUNK_CRC, CHUNK_HEADER, CHUNK_MARK, Kind
 from host.scan import FRAME_COLUMNS, LENGTH, PAYLOAD, most_frames, scan_frames
 
 MAX_FRAME_BYTES = MAX_PAYLOAD_BYTES + OVERHEAD_BYTES
+_CHUNK_OVERHEAD = CHUNK_HEADER.size + CHUNK_CRC.size
 _KINDS = frozenset(Kind)
 
 Span = tuple[int, int]
@@ -138,30 +139,51 @@ class _Joined:
 
 
 def _guesses(stretch: bytes, at_end: bool) -> Iterator[list[Span]]:
-    """Where the bytes of the line could be: in every chunk, in those alone that say so, or all is one chunk."""
-    chunks = list(_chunks(stretch, at_end))
-    yield [span for _, span in chunks]
-    of_data = [span for kind, span in chunks if kind in (None, Kind.DATA)]
-    if len(of_data) < len(chunks):
-        yield of_data
+    """Where the bytes of the line could be: in every chunk, in those alone that say so, or all is one chunk.
+
+    Chunks begin at their marks; or, in another guess, where the lengths before say so, too.
+    """
+    marks = list(dict.fromkeys([0, *_marks(stretch, at_end)]))
+    guesses: list[list[Span]] = []
+    for starts in (marks, list(_followed(stretch, marks))):
+        chunks = list(_chunks(stretch, starts, at_end))
+        guesses.append([span for _, span in chunks])
+        guesses.append([span for kind, span in chunks if kind in (None, Kind.DATA)])
     whole = (CHUNK_HEADER.size, len(stretch) - (0 if at_end else CHUNK_CRC.size))
-    if whole[0] < whole[1] and [span for _, span in chunks] != [whole]:
-        yield [whole]
+    if whole[0] < whole[1]:
+        guesses.append([whole])
+    for number, guess in enumerate(guesses):
+        if guess not in guesses[:number]:
+            yield guess
 
 
-def _chunks(stretch: bytes, at_end: bool) -> Iterator[tuple[int | None, Span]]:
+def _chunks(stretch: bytes, starts: list[int], at_end: bool) -> Iterator[tuple[int | None, Span]]:
     """Kind (None: nothing says it) and place of the bytes of what look like chunks."""
-    overhead = CHUNK_HEADER.size + CHUNK_CRC.size
-    starts = [0, *_marks(stretch, at_end), len(stretch)]
-    for start, stop in pairwise(dict.fromkeys(starts)):
+    for start, stop in pairwise([*starts, len(stretch)]):
         kind: int | None = None
         end = stop if at_end and stop == len(stretch) else stop - CHUNK_CRC.size
-        if stretch.startswith(CHUNK_MARK, start) and stop - start >= CHUNK_HEADER.size:
-            _, kind, length, _ = CHUNK_HEADER.unpack_from(stretch, start)
-            if start + overhead + length <= stop:
-                end = start + CHUNK_HEADER.size + length
+        if stop - start >= CHUNK_HEADER.size:
+            _, said_kind, length, _ = CHUNK_HEADER.unpack_from(stretch, start)
+            said_stop = start + _CHUNK_OVERHEAD + length
+            if stretch.startswith(CHUNK_MARK, start) or said_stop == stop:
+                kind = said_kind
+                end = said_stop - CHUNK_CRC.size if said_stop <= stop else end
         if start + CHUNK_HEADER.size < end:
             yield kind if kind in _KINDS else None, (start + CHUNK_HEADER.size, end)
+
+
+def _followed(stretch: bytes, marks: list[int]) -> Iterator[int]:
+    """These places, and behind each where its length says that the next chunk begins, whose own mark may be hit."""
+    for start, stop in pairwise([*marks, len(stretch)]):
+        place = start
+        while place < stop:
+            yield place
+            if place + CHUNK_HEADER.size > stop:
+                break
+            _, kind, length, _ = CHUNK_HEADER.unpack_from(stretch, place)
+            if kind not in _KINDS:
+                break
+            place += _CHUNK_OVERHEAD + length
 
 
 def _marks(stretch: bytes, at_end: bool) -> Iterator[int]:
@@ -172,7 +194,7 @@ def _marks(stretch: bytes, at_end: bool) -> Iterator[int]:
         following = place + len(CHUNK_MARK)
         if place + CHUNK_HEADER.size <= len(stretch):
             length = CHUNK_HEADER.unpack_from(stretch, place)[2]
-            stop = place + CHUNK_HEADER.size + length + CHUNK_CRC.size
+            stop = place + _CHUNK_OVERHEAD + length
             if stop == len(stretch) or (stop > len(stretch) and at_end) or stretch.startswith(CHUNK_MARK, stop):
                 following = stop
         place = stretch.find(CHUNK_MARK, following)
