@@ -165,11 +165,12 @@ def on_the_main_branch(values_deg: Floats) -> Floats:
 class Columns:
     """Columns to draw, batch by batch, for the frames of one name: those of the frame, and what is made from them.
 
-    `time` is the board's time (else host time, else the number of the frame); sessions follow one another on it, and
+    TIME is the board's time (else host time, else the number of the frame); sessions follow one another on it, and
     it never steps back.
     """
 
-    TIME = "time"
+    # The one name that no field can have.
+    TIME = ""
 
     def __init__(self, board_rate: float = 1.0) -> None:
         self._board_rate = board_rate

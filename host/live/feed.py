@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from host.batch import Batch, batches_of
 from host.commands import answer_of, is_answer
 from host.live import messages
 from host.live.tables import Tables, layout_message
-from host.log import Event
+from host.log import Event, Kind
 from host.schema import prepare_decoding
 from host.stream import Arrival
 
@@ -26,7 +26,7 @@ class Feed:
     def __init__(self, wake: Callable[[], None]) -> None:
         prepare_decoding()
         self.tables = Tables()
-        self.events: deque[Event] = deque(maxlen=MAX_EVENTS)
+        self._told_events: deque[str] = deque(maxlen=MAX_EVENTS)
         self._wake = wake
         self._lock = threading.Lock()
         self._arrivals: list[Arrival] = []
@@ -55,10 +55,9 @@ class Feed:
         for batch in batches_of(arrivals):
             made.extend(self._messages_of(batch))
         made.extend(_answers(arrivals))
-        for event in events:
-            self.events.append(event)
-            made.append(event_message(event))
-        return made
+        told = [event_message(event, self.tables.now_s()) for event in events]
+        self._told_events.extend(told)
+        return [*made, *told]
 
     def _messages_of(self, batch: Batch) -> Iterator[str | bytes]:
         known = len(self.tables)
@@ -69,7 +68,7 @@ class Feed:
 
     def greeting(self) -> list[str | bytes]:
         """What a new page must know of the past."""
-        return [*map(layout_message, self.tables), *map(event_message, self.events)]
+        return [*map(layout_message, self.tables), *self._told_events]
 
 
 def _answers(arrivals: Sequence[Arrival]) -> Iterator[str]:
@@ -79,5 +78,8 @@ def _answers(arrivals: Sequence[Arrival]) -> Iterator[str]:
             yield messages.text("answer", isDone=answer.is_done, text=answer.text)
 
 
-def event_message(event: Event) -> str:
-    return messages.text("event", timeMs=event.time_ns // 1_000_000, name=event.kind.name.lower(), text=event.text)
+def event_message(event: Event, times_s: Mapping[int, float]) -> str:
+    """An event; a mark with the time that it has on the curves of each table."""
+    name, time_ms = event.kind.name.lower(), event.time_ns // 1_000_000
+    times = times_s if event.kind is Kind.MARK else {}
+    return messages.text("event", timeMs=time_ms, name=name, text=event.text, times=times)

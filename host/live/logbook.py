@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
+import numpy as np
+
+from host.batch import Batch
 from host.errors import UsageError
 from host.live import messages, requests
 from host.live.feed import event_message
-from host.live.tables import Tables, layout_message
+from host.live.tables import Floats, Table, Tables, layout_message
+from host.log import Kind
 from host.schema import DESCRIPTION_TYPE
 from host.source import Recording, Source
 
@@ -17,8 +23,10 @@ class Logbook:
         self._source = source
         self._recording = Recording()
         self._tables = Tables()
+        # Of each mark, by its place among the events, what time it has in which table.
+        self._times_s: defaultdict[int, dict[int, float]] = defaultdict(dict)
         for batch in source.batches(self._recording):
-            self._tables.add(batch)
+            self._place_marks(batch, *self._tables.add(batch))
         if not len(self._tables):
             raise UsageError(
                 f"{source.path}: expected frames with their description, found no frame type described completely"
@@ -33,7 +41,19 @@ class Logbook:
         hello = messages.text(
             "hello", mode="log", title=self._source.path.name, log=str(self._source.path), commands=[]
         )
-        return [hello, *map(layout_message, self._tables), *map(event_message, self._recording.events)]
+        ends_s = self._tables.now_s()
+        events = (
+            event_message(event, ends_s | self._times_s[number]) for number, event in enumerate(self._recording.events)
+        )
+        return [hello, *map(layout_message, self._tables), *events]
+
+    def _place_marks(self, batch: Batch, table: Table, rows: Floats) -> None:
+        """Finds the newest frame at each mark that was made before the batch's end."""
+        for number, event in enumerate(self._recording.events):
+            is_new = event.kind is Kind.MARK and table.number not in self._times_s[number]
+            if is_new and event.time_ns < batch.arrivals_ns[-1]:
+                row = int(np.searchsorted(batch.arrivals_ns, event.time_ns, side="right")) - 1
+                self._times_s[number][table.number] = float(rows[0, max(row, 0)])
 
     def status(self) -> str:
         """The message that says what the log holds."""

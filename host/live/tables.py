@@ -99,6 +99,10 @@ class Tables:
     def numbered(self, number: int) -> Table | None:
         return next((table for table in self if table.number == number), None)
 
+    def now_s(self) -> dict[int, float]:
+        """The time of the newest frame of each table, by the table's number."""
+        return {table.number: table.last_s for table in self if table.last_s is not None}
+
     def add(self, batch: Batch) -> tuple[Table, Floats]:
         """The table that the frames belong to, and their rows in it."""
         if self._last is None or self._last[0] is not batch.layout:

@@ -140,8 +140,15 @@ def test_a_mark_is_seen_by_all_and_kept(browser: Any, live: tuple[str, Path]) ->
         wait_for_rows(second, 50)
         first.fill("#remark", "abeam <the> lighthouse")
         first.click("#marking button")
-        until(second, "navHost.marks.at(-1)?.text === 'abeam <the> lighthouse'")
+        for page in (first, second):
+            until(page, "navHost.marks.at(-1)?.text === 'abeam <the> lighthouse'")
         assert "mark abeam <the> lighthouse" in second.inner_text("#events")
+        places = [page.evaluate(f"navHost.surroundings.marks({NAVIGATION})") for page in (first, second)]
+        second.reload()
+        until(second, "navHost.marks.length > 0")
+        places.append(second.evaluate(f"navHost.surroundings.marks({NAVIGATION})"))
+    assert places[0][-1]["x"] > 0
+    assert places[1:] == 2 * places[:1]
     recording = Recording()
     list(open_source(log).batches(recording))
     assert "abeam <the> lighthouse" in [event.text for event in recording.events]

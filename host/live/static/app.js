@@ -32,7 +32,7 @@ const surroundings = {
   zoom: (start, stop) => view.zoom(start, stop),
   live: () => view.live(),
   recent: table => view.recent(table),
-  marks: table => (table.layout.isNavigation ? marks : []),
+  marks: table => marks.filter(mark => table.layout.table in mark.times).map(({times, text}) => ({x: times[table.layout.table], text})),
   sessions: () => status?.sessionStarts ?? [],
   value: (table, name) => table.value(name, rowOfNow(table)),
 };
@@ -68,10 +68,10 @@ const heard = {
   rows(message) {
     const table = tables.get(message.table);
     if (!table) return;
-    if (table.layout.isNavigation || tables.size === 1) {
-      const now = performance.now();
-      if (heardAt) framePeriodMs = 0.9 * framePeriodMs + 0.1 * (now - heardAt) / message.rows;
-      heardAt = now;
+    table.heardAt = performance.now();
+    if (table === (navigation() ?? table)) {
+      if (heardAt) framePeriodMs = 0.9 * framePeriodMs + 0.1 * (table.heardAt - heardAt) / message.rows;
+      heardAt = table.heardAt;
     }
     table.append(message.columns, view.isFollowing);
     if (view.isFollowing) table.trim(view.range(table)[0]);
@@ -101,8 +101,9 @@ function hear(message) {
   heard[message.kind]?.(message);
 }
 
+// A line that describes its frames anew gets another table: the one that was heard last counts.
 function navigation() {
-  for (const table of tables.values()) if (table.layout.isNavigation) return table;
+  return [...tables.values()].filter(table => table.layout.isNavigation).reduce((best, table) => (best?.heardAt > table.heardAt ? best : table), undefined);
 }
 
 function renew() {
@@ -131,14 +132,13 @@ function notice(text, isGood = false) {
   noticeTimer = setTimeout(() => { byId("notice").hidden = true; }, NOTICE_MS);
 }
 
-function showEvent({timeMs, name, text}) {
+function showEvent({timeMs, name, text, times}) {
   const item = document.createElement("li"), time = document.createElement("time");
   time.textContent = new Date(timeMs).toISOString().slice(11, 19);
   item.append(time, `${name} ${text}`);
   byId("events").prepend(item);
   while (byId("events").children.length > SHOWN_EVENTS) byId("events").lastChild.remove();
-  const now = navigation()?.lastX;
-  if (name === "mark" && now !== undefined) marks.push({x: now, text});
+  if (name === "mark") marks.push({times, text});
   dirty = true;
 }
 
@@ -237,4 +237,4 @@ setInterval(() => { dirty = true; }, 100);
 requestAnimationFrame(draw);
 
 // For those who look into the page with the browser's console.
-window.navHost = {tables, shows, view, marks, link};
+window.navHost = {tables, shows, view, marks, link, surroundings};

@@ -10,6 +10,7 @@ export class Table {
     this.index = new Map(layout.names.map((name, index) => [name, index]));
     this.columns = layout.names.map(() => []);
     this.last = null;
+    this.heardAt = 0;
     this.step = Infinity;
     this.appended = 0;
     this.wanted = null;

@@ -23,6 +23,7 @@ from host.errors import UsageError
 from host.live.app import MOST_WAITING, Pages, application
 from host.live.guard import Access
 from host.live.logbook import Logbook
+from host.log import Kind, LogWriter
 from host.source import open_source
 
 FRAMES = 300
@@ -201,6 +202,23 @@ def test_a_bad_export_is_one_sentence(client: TestClient, query: str) -> None:
     assert answer.status_code == 400
     assert answer.text.startswith("export: expected")
     assert answer.text.count("\n") == 1
+
+
+def test_a_mark_of_a_log_stands_where_it_was_made(tmp_path: Path, kit: Any) -> None:
+    path, flight = tmp_path / "flight.log", kit.Flight()
+    with LogWriter(path) as log:
+        log.event(0, Kind.OPENED, "port")
+        log.data(1, flight.line(1))
+        for number in range(1, FRAMES):
+            if number in (100, 200):
+                log.event(1000 * number - 1, Kind.MARK, "buoy")
+            log.data(1000 * number, flight.frame(number))
+        log.event(1000 * FRAMES, Kind.MARK, "end")
+        log.event(1000 * FRAMES, Kind.STOPPED, "stopped")
+    events = [json.loads(text) for text in Logbook(open_source(path)).greeting()[2:]]
+    times = [event["times"] for event in events]
+    expected = [{}, *({"0": pytest.approx(0.02 * number)} for number in (99, 199, FRAMES - 1)), {}]
+    assert times == expected
 
 
 def test_every_file_of_the_page_is_served(client: TestClient) -> None:

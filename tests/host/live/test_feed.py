@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def test_rows_follow_their_layout_and_carry_when_they_were_heard(kit: Any) -> No
     feed, stream, flight = Feed(lambda: None), Stream(), kit.Flight()
     layout, first = fed(feed, stream, flight.line(2), 1_000)
     (second,) = fed(feed, stream, flight.frame(2) + flight.frame(3), 2_000)
-    assert layout["names"][:3] == ["time", "sequence", "valid_time"]
+    assert layout["names"][:3] == ["", "sequence", "valid_time"]
     assert (first["heardNs"], second["heardNs"]) == (1_000, 2_000)
     assert first["columns"][1].tolist() == [0.0, 1.0]
     assert second["columns"][1].tolist() == [2.0, 3.0]
@@ -82,8 +83,39 @@ def test_answers_and_events_become_messages(kit: Any) -> None:
     messages = fed(feed, stream, line)
     assert [message["kind"] for message in messages] == ["layout", "rows", "answer", "event"]
     assert messages[2] == {"kind": "answer", "isDone": True, "text": "mode: done"}
-    assert messages[3] == {"kind": "event", "timeMs": 5, "name": "mark", "text": "buoy"}
+    assert messages[3] == {"kind": "event", "timeMs": 5, "name": "mark", "text": "buoy", "times": {"0": 0.0}}
     assert read(feed.greeting()[-1]) == messages[3]
+
+
+def test_a_mark_stands_at_the_newest_frame_of_each_table(kit: Any) -> None:
+    """A page that comes later draws it there too."""
+    rows = (kit.FieldRow("oil", 1),)
+    feed, stream = Feed(lambda: None), Stream()
+    fed(feed, stream, kit.Flight().line(50) + kit.descriptions(9, "engine", rows) + kit.frame(9, b"\1"))
+    feed.notice(Event(1, Kind.MARK, "buoy"))
+    feed.notice(Event(2, Kind.LOST, "unplugged"))
+    mark, lost = map(read, feed.take())
+    assert (mark["times"], lost["times"]) == ({"0": pytest.approx(0.98), "1": 0.0}, {})
+    fed(feed, stream, kit.Flight().frame(50))
+    assert [read(message) for message in feed.greeting()[-2:]] == [mark, lost]
+
+
+def test_no_scale_makes_a_budget_that_is_no_number(kit: Any) -> None:
+    scales = {"tick": 1e200, "deadline": 1e-200}
+    rows = tuple(replace(row, scale=scales.get(row.name, row.scale)) for row in kit.NAVIGATION)
+    (layout, _) = fed(
+        Feed(lambda: None), Stream(), kit.descriptions(1, "navigation", rows) + kit.frame(1, kit.payload(rows, {}))
+    )
+    assert {panel["limit"] for plan in layout["plans"] for panel in plan["panels"]} == {None}
+
+
+def test_a_field_may_be_called_time_and_be_none(kit: Any) -> None:
+    rows = (kit.FieldRow("time", 2, 1.0, "ms"),)
+    feed, stream = Feed(lambda: None), Stream()
+    line = kit.descriptions(9, "engine", rows) + kit.frame(9, kit.payload(rows, {"time": 250}))
+    layout, message = fed(feed, stream, line, 5_000_000_000)
+    assert layout["names"] == ["", "time"]
+    assert message["columns"].tolist() == [[0.0], [250.0]]
 
 
 names = st.text(min_size=1, max_size=6).filter(lambda name: name.isprintable() and "|" not in name)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import tty
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.browser import NAVIGATION, READ_NUMBERS, SHOWN, as_shown, page_of, rows_of, served, until
+from tests.browser import NAVIGATION, READ_NUMBERS, SHOWN, as_shown, page_of, rows_of, served, until, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +55,42 @@ def test_a_frame_known_from_its_description_alone_gets_curves(browser: Any, tmp_
         page.wait_for_selector('figure[data-panel="engine room/engine room/oil_pressure [bar]"] canvas')
         page.wait_for_selector('figure[data-panel="engine room/engine room/pump"] canvas')
         assert page.inner_text('[data-field="engine room.oil_pressure"]') == "4.03"
+
+
+def test_the_newest_description_of_a_frame_gives_the_state(browser: Any, tmp_path: Path, kit: Any) -> None:
+    rows = tuple(row for row in kit.NAVIGATION if row.name != "height")
+    log = tmp_path / "renewed.raw"
+    line = kit.Flight().line(100) + kit.descriptions(rows=rows)
+    log.write_bytes(line + kit.frame(1, kit.payload(rows, {"sequence": 100, "valid_time": 2000, "mode": 2})))
+    with served(log) as (url, _), page_of(browser, url) as page:
+        until(page, "navHost.tables.size === 2")
+        until(page, "document.querySelector('#mode').textContent === 'fine'")
+
+
+def test_unknown_frames_of_several_types_keep_a_line_alive(browser: Any, tmp_path: Path, kit: Any) -> None:
+    """Also when the first of them came only once, and whatever their names are."""
+    script = "<img src=x onerror=window.run=1>"
+    rows = (kit.FieldRow(script, 2, 1.0, script), kit.FieldRow("pump", 1, kind=2, labels=f"{script}|on"))
+    first, second = (kit.descriptions(number, f"{number}{script}", rows) for number in (9, 10))
+    board, line = os.openpty()
+    try:
+        tty.setraw(line)
+        with served(os.ttyname(line), "--log", tmp_path / "a.log") as (url, _), page_of(browser, url) as page:
+            page.wait_for_selector("text=no frame yet")
+            os.write(board, first + kit.frame(9, kit.payload(rows, {})))
+            until(page, "navHost.tables.size === 1")
+            page.wait_for_selector("text=/stopped: no frame/")
+            os.write(board, second)
+
+            def is_live() -> bool:
+                os.write(board, kit.frame(10, kit.payload(rows, {})))
+                return bool(page.evaluate("document.querySelector('#state').textContent") == "live")
+
+            wait_until(is_live)
+            assert page.evaluate("window.run") is None
+    finally:
+        os.close(board)
+        os.close(line)
 
 
 @pytest.mark.parametrize(
