@@ -173,17 +173,23 @@ def _chunks(stretch: bytes, starts: list[int], at_end: bool) -> Iterator[tuple[i
 
 
 def _followed(stretch: bytes, marks: list[int]) -> Iterator[int]:
-    """These places, and behind each where its length says that the next chunk begins, whose own mark may be hit."""
-    for start, stop in pairwise([*marks, len(stretch)]):
-        place = start
-        while place < stop:
-            yield place
-            if place + CHUNK_HEADER.size > stop:
-                break
+    """Where chunks begin when lengths count too, that lead to a place before the next mark or to what is left of one."""
+    place, stops = 0, [*marks, len(stretch)]
+    while place < len(stretch):
+        yield place
+        following = next_mark = stops[bisect_right(stops, place)]
+        if place + CHUNK_HEADER.size <= len(stretch):
             _, kind, length, _ = CHUNK_HEADER.unpack_from(stretch, place)
-            if kind not in _KINDS:
-                break
-            place += _CHUNK_OVERHEAD + length
+            said = place + _CHUNK_OVERHEAD + length
+            if kind in _KINDS and (said < next_mark or said == len(stretch) or _was_mark(stretch, said)):
+                following = said
+        place = following
+
+
+def _was_mark(stretch: bytes, place: int) -> bool:
+    """True where half of a mark is left."""
+    found = stretch[place : place + len(CHUNK_MARK)]
+    return sum(one == other for one, other in zip(found, CHUNK_MARK, strict=False)) >= len(CHUNK_MARK) // 2
 
 
 def _marks(stretch: bytes, at_end: bool) -> Iterator[int]:

@@ -25,7 +25,10 @@ class Limits:
 
 
 def segments_of(path: Path) -> Iterator[Path]:
-    """The log itself, then the segments beside it that go on with it, in their order; some may be missing."""
+    """The log itself, then the segments beside it that go on with it, in their order; some may be missing.
+
+    Raises UsageError for a segment that cannot be read, or is of a version that this program cannot read.
+    """
     yield path
     for _, later in sorted(_numbered(path)):
         if _goes_on(later):
@@ -42,11 +45,12 @@ def _numbered(path: Path) -> Iterator[tuple[int, Path]]:
 
 
 def _goes_on(path: Path) -> bool:
+    """True for a log that does not begin with a recording of its own, also where damage hides how it begins."""
     try:
         first = next(read_log(path), None) if path.is_file() and is_log(path) else None
-    except (OSError, UsageError):
-        return False
-    return isinstance(first, Event) and first.kind is Kind.CONTINUED
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+    return first is not None and not (isinstance(first, Event) and first.kind is Kind.OPENED)
 
 
 class SegmentWriter:

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from host.errors import UsageError
-from host.log import Chunk, Event, Kind, LogWriter, read_log
+from host.log import FILE_HEADER, MAGIC, Chunk, Event, Kind, LogWriter, read_log
+from host.repair import repair
 from host.segments import Limits, SegmentWriter, last_segment, segments_of
 from host.source import Recording, open_source
 
@@ -78,6 +79,26 @@ def test_a_missing_file_and_a_stranger_beside_it_do_not_matter(tmp_path: Path) -
     (tmp_path / "flight.0010.log").write_bytes(b"no log")
     (tmp_path / "flight.0011.log").mkdir()
     assert names(path) == ["flight.log", "flight.0003.log", "flight.0004.log"]
+
+
+def test_a_segment_whose_beginning_is_hit_still_belongs_to_its_log(tmp_path: Path) -> None:
+    path, later = tmp_path / "flight.log", tmp_path / "flight.0002.log"
+    expected = written(path, Limits(seconds=1), 3)
+    data = bytearray(later.read_bytes())
+    data[20] ^= 1
+    later.write_bytes(data)
+    assert b"".join(data_of(segment) for segment in segments_of(path)) == expected
+    repair(open_source(later), tmp_path / "clean.log")
+    (tmp_path / "clean.log").replace(later)
+    assert names(path) == ["flight.log", "flight.0002.log", "flight.0003.log"]
+
+
+def test_a_segment_of_another_version_is_not_passed_over(tmp_path: Path) -> None:
+    path, later = tmp_path / "flight.log", tmp_path / "flight.0002.log"
+    written(path, Limits(seconds=1), 3)
+    later.write_bytes(MAGIC + b"\x09\0\0\0" + later.read_bytes()[FILE_HEADER.size :])
+    with pytest.raises(UsageError, match=r"flight.0002.log: expected a log of version 1, found version 9"):
+        list(open_source(path).batches(Recording()))
 
 
 def test_ten_thousand_files_keep_their_order(tmp_path: Path) -> None:
