@@ -173,7 +173,7 @@ def _chunks(stretch: bytes, starts: list[int], at_end: bool) -> Iterator[tuple[i
 
 
 def _followed(stretch: bytes, marks: list[int]) -> Iterator[int]:
-    """Where chunks begin when lengths count too, that lead to a place before the next mark or to what is left of one."""
+    """Where chunks begin when lengths count that lead to a place before the next mark, or to what is left of one."""
     place, stops = 0, [*marks, len(stretch)]
     while place < len(stretch):
         yield place
