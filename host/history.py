@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import copy
+import io
 import tempfile
 import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from host.batch import Batch
 from host.curves import Columns
-from host.errors import UsageError
 from host.pyramid import Pyramid
 from host.schema import Layout
 
@@ -38,8 +39,8 @@ class _Block:
 class History:
     """Frames as rows of the named columns of `host.curves.Columns`, the first of which is Columns.TIME.
 
-    Keeps the payloads as they came and a pyramid of the columns' extremes. Raises UsageError when there is no room for
-    the payloads.
+    Keeps the payloads as they came and a pyramid of the columns' extremes. `failure` says why the newest frames could
+    not be kept; it is empty while there is room.
     """
 
     def __init__(self, layout: Layout, names: Sequence[str]) -> None:
@@ -49,13 +50,21 @@ class History:
         self._pyramid = Pyramid(len(names), self._recall)
         self._blocks: list[_Block] = []
         self._record_bytes = layout.size + _TIME_BYTES
-        self._kept = tempfile.SpooledTemporaryFile(_MEMORY_BYTES)  # noqa: SIM115
-        weakref.finalize(self, self._kept.close)
+        self._kept: BinaryIO = io.BytesIO()
+        self.failure = ""
 
     def add(self, batch: Batch) -> Floats:
-        """Takes frames that follow, one or many; gives their rows (names x frames)."""
-        self._keep(batch)
+        """Takes frames that follow, one or many; gives their rows (names x frames), also when they cannot be kept."""
+        before = copy.deepcopy(self.columns) if self._begins_a_block(batch) else None
         rows = self._rows(self.columns, batch)
+        try:
+            self._keep(batch)
+        except OSError as error:
+            self.failure = f"{tempfile.gettempdir()}: cannot take the frames: {error.strerror}"
+            return rows
+        if before is not None:
+            self._blocks.append(_Block(self._pyramid.count, batch.layout, batch.session, before))
+        self.failure = ""
         self._pyramid.add(rows)
         return rows
 
@@ -70,19 +79,32 @@ class History:
             rows = self._recall(start, min(start + _BLOCK_FRAMES, stop))
             yield rows[:, (start_s <= rows[0]) & (rows[0] <= stop_s)]
 
+    def _begins_a_block(self, batch: Batch) -> bool:
+        if not self._blocks or self.failure:
+            return True
+        last = self._blocks[-1]
+        return batch.session != last.session or self._pyramid.count - last.first >= _BLOCK_FRAMES
+
     def _keep(self, batch: Batch) -> None:
-        last = self._blocks[-1] if self._blocks else None
-        count = self._pyramid.count
-        if last is None or batch.session != last.session or count - last.first >= _BLOCK_FRAMES:
-            self._blocks.append(_Block(count, batch.layout, batch.session, copy.deepcopy(self.columns)))
+        """Writes the payloads behind the others. Raises OSError when there is no room."""
         records = np.empty((len(batch), self._record_bytes), np.uint8)
         records[:, :-_TIME_BYTES] = batch.rows
         records[:, -_TIME_BYTES:] = batch.arrivals_ns[:, np.newaxis].view(np.uint8)
+        place = self._pyramid.count * self._record_bytes
+        if isinstance(self._kept, io.BytesIO) and place + records.nbytes > _MEMORY_BYTES:
+            self._kept = self._moved_to_a_file(self._kept.getvalue()[:place])
+        _write(self._kept, place, records.tobytes())
+
+    def _moved_to_a_file(self, data: bytes) -> BinaryIO:
+        # Without a buffer: what did not find room must not wait for a later write.
+        file = cast(BinaryIO, tempfile.TemporaryFile(buffering=0))  # noqa: SIM115
         try:
-            self._kept.seek(count * self._record_bytes)
-            self._kept.write(records.data)
-        except OSError as error:
-            raise UsageError(f"{tempfile.gettempdir()}: cannot take the frames: {error.strerror}") from None
+            _write(file, 0, data)
+        except BaseException:
+            file.close()
+            raise
+        weakref.finalize(self, file.close)
+        return file
 
     def _recall(self, first: int, stop: int) -> Floats:
         """The rows with these numbers, decoded again."""
@@ -105,3 +127,10 @@ class History:
     def _rows(self, columns: Columns, batch: Batch) -> Floats:
         found = columns.of(batch)
         return np.stack([found[name] for name in self._names])
+
+
+def _write(file: BinaryIO, place: int, data: bytes) -> None:
+    file.seek(place)
+    rest = memoryview(data)
+    while rest:
+        rest = rest[file.write(rest) :]

@@ -44,7 +44,8 @@ class Line:
         return messages.text(
             "status",
             connected=recorder.connected,
-            trouble=recorder.trouble,
+            # The recording goes on when its curves cannot be kept.
+            trouble=recorder.trouble or self.tables.failure,
             elapsedS=round(recorder.elapsed_s, 3),
             frames=sum(counts.values()),
             descriptions=described,

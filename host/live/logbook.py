@@ -17,7 +17,10 @@ from host.source import Recording, Source
 
 
 class Logbook:
-    """Shows a log, read once from its beginning to its end. Raises UsageError when there is nothing in it to show."""
+    """Shows a log, read once from its beginning to its end.
+
+    Raises UsageError when there is nothing in it to show, or no room for its frames.
+    """
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -27,6 +30,8 @@ class Logbook:
         self._times_s: defaultdict[int, dict[int, float]] = defaultdict(dict)
         for batch in source.batches(self._recording):
             self._place_marks(batch, *self._tables.add(batch))
+            if self._tables.failure:
+                raise UsageError(self._tables.failure)
         if not len(self._tables):
             raise UsageError(
                 f"{source.path}: expected frames with their description, found no frame type described completely"

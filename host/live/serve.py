@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import uvicorn
 
 from host.errors import UsageError
-from host.live import messages
 from host.live.app import Pages, Show, application
 from host.live.feed import Feed
 from host.live.guard import Access, is_loopback, new_token
@@ -154,12 +153,8 @@ class Server:
             await self._awake.wait()
             await asyncio.sleep(_GATHER_S)
             self._awake.clear()
-            try:
-                for message in service.take():
-                    self._pages.tell(message)
-            except UsageError as error:
-                # The recording goes on when its curves cannot be kept.
-                self._pages.tell(messages.text("refused", text=str(error)))
+            for message in service.take():
+                self._pages.tell(message)
 
     async def _tell_status(self, show: Show) -> None:
         while True:

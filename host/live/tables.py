@@ -38,6 +38,11 @@ class Table:
         return self._history.columns.session_starts
 
     @property
+    def failure(self) -> str:
+        """Why the newest frames could not be kept, if so."""
+        return self._history.failure
+
+    @property
     def titles(self) -> list[str]:
         """The names of the columns with their units."""
         fields = self.layout.by_name
@@ -98,6 +103,11 @@ class Tables:
 
     def numbered(self, number: int) -> Table | None:
         return next((table for table in self if table.number == number), None)
+
+    @property
+    def failure(self) -> str:
+        """Why the newest frames of a table could not be kept, if so."""
+        return next((table.failure for table in self if table.failure), "")
 
     def now_s(self) -> dict[int, float]:
         """The time of the newest frame of each table, by the table's number."""

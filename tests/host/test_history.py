@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +13,10 @@ import pytest
 from host import history as history_module
 from host.batch import batches_of
 from host.curves import JITTER, Columns
+from host.errors import UsageError
 from host.history import History
-from host.log import Kind, LogWriter
+from host.live.logbook import Logbook
+from host.log import Chunk, Kind, LogWriter
 from host.source import Recording, open_source
 from host.stream import Stream
 
@@ -82,3 +86,46 @@ def test_a_peak_of_one_frame_shows_in_the_whole(log: Path) -> None:
     expected, window = expected_rows(log), history.window(0.0, 200.0, 20)
     np.testing.assert_array_equal(np.nanmax(window, axis=1), np.nanmax(expected, axis=1))
     np.testing.assert_array_equal(np.nanmin(window, axis=1), np.nanmin(expected, axis=1))
+
+
+class FullDisk(io.BytesIO):
+    """A file with room for so many bytes; it takes a part of what is too long, as a disk does."""
+
+    room = 50_000
+
+    def write(self, data: Any) -> int:
+        taken = min(len(data), self.room - self.tell())
+        if taken <= 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(data[:taken])
+
+
+@pytest.mark.parametrize("memory_bytes", [60_000, 1000], ids=["when it moves to a file", "in the file"])
+def test_a_full_disk_costs_no_row_that_was_kept(log: Path, memory_bytes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(history_module, "_MEMORY_BYTES", memory_bytes)
+    monkeypatch.setattr(history_module.tempfile, "TemporaryFile", lambda buffering: FullDisk())
+    stream, history, expected = Stream(), None, []
+    for item in open_source(log).items():
+        for batch in batches_of(stream.feed(item.data, item.time_ns)) if isinstance(item, Chunk) else ():
+            history = history or History(batch.layout, NAMES)
+            rows = history.add(batch)
+            if not history.failure:
+                expected.append(rows)
+            if len(stream.sessions) > 1:
+                # Somebody made room.
+                monkeypatch.setattr(FullDisk, "room", 10**9)
+    assert history is not None
+    assert 3000 < len(expected) < 6000
+    kept = np.concatenate(expected, axis=1)
+    assert kept[1, 400] == 400
+    # Angles are unwrapped by sums of turns; the jitter behind the gap reaches over it in one of both.
+    np.testing.assert_allclose(
+        np.concatenate(list(history.rows(-1.0, 1e9)), axis=1)[:-1], kept[:-1], rtol=0.0, atol=1e-9
+    )
+
+
+def test_a_full_disk_is_told(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(history_module, "_MEMORY_BYTES", 1000)
+    monkeypatch.setattr(history_module.tempfile, "TemporaryFile", lambda buffering: FullDisk())
+    with pytest.raises(UsageError, match="cannot take the frames: No space left on device"):
+        Logbook(open_source(log))
