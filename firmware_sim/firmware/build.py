@@ -66,6 +66,8 @@ _FROM_RESET: Final = 4
 _FROM_RESET_TO_TICK: Final = 5
 # Counts of the stopwatch by which a tick must be late before the background starves the watchdog.
 _OVERDUE: Final = 10_000
+# A ring stands at a multiple of twice its length: circular addressing wants K zeros, 2^K above the length (SPRU031,
+# chapter 6); with one less the pointer moves into the ring below.
 _SECTIONS: Final = {
     "reset": 0x0000,
     "vectors": _VECTOR_PAGE << 8,
@@ -76,9 +78,9 @@ _SECTIONS: Final = {
     "tables": 0x6000,
     "command": 0x7E00,
     "tx_ring": 0x10000,
-    "rx_ring": 0x11000,
+    "rx_ring": 0x14000,
 }
-# The transform's bit-reversed pointer needs a multiple of its points, the ring one of its length.
+# The transform's bit-reversed pointer needs a multiple of its points.
 _SPECTRUM_SECTIONS: Final = {"spectrum": 0x7F10, FFT_SECTION: 0x8000, "pieces": 0x8800, "samples": 0x12000}
 
 

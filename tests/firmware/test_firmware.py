@@ -118,6 +118,18 @@ def test_other_commands_and_damaged_ones(target: Target) -> None:
     assert target.variable("bad_commands") >= 1
 
 
+def test_what_is_received_never_touches_what_is_sent(target: Target) -> None:
+    """More bytes than a ring holds, both ways at once: every frame is whole, every command is understood."""
+    unknown = command(77, bytes(32))
+    for _ in range(180):
+        target.board.receive(unknown)
+        target.fly(1)
+    target.fly(5)
+    codes = [answer["code"] for answer in target.records(telemetry.ANSWER)]
+    assert codes == [telemetry.UNKNOWN_COMMAND] * 180
+    assert target.variable("bad_commands") == 0
+
+
 def test_a_lost_sample_and_a_saturated_one_are_flagged(target: Target) -> None:
     target.board.circuit.samples["status"][30] = MISSING
     target.board.circuit.samples["status"][70] = SATURATED
