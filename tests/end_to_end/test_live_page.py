@@ -98,7 +98,9 @@ def test_pause_zoom_and_the_way_back(browser: Any, live: tuple[str, Path]) -> No
     visible = f"navHost.view.range({NAVIGATION})"
     with page_of(browser, url) as page:
         wait_for_rows(page, 150)
+        assert page.is_hidden("text=curves paused")
         page.click("#pause")
+        assert page.is_visible("text=curves paused")
         frozen = page.evaluate(visible)
         wait_for_rows(page, sequence(page) + 20)
         assert page.evaluate(visible) == frozen
@@ -112,6 +114,7 @@ def test_pause_zoom_and_the_way_back(browser: Any, live: tuple[str, Path]) -> No
         assert stop - start == pytest.approx(0.5 * (frozen[1] - frozen[0]), rel=0.02)
         page.mouse.dblclick(box["x"] + 0.5 * box["width"], box["y"] + 60)
         assert page.inner_text("#pause") == "Pause"
+        assert page.is_hidden("text=curves paused")
         assert page.evaluate(visible)[1] > frozen[1]
 
 
@@ -181,9 +184,12 @@ def test_a_board_that_is_gone_is_shown_as_gone(browser: Any, tmp_path: Path) -> 
         page_of(browser, url) as page,
     ):
         wait_for_rows(page, 50)
+        shown = "[...document.querySelectorAll('#mode, #attitude, #readouts')]"
+        until(page, f"{shown}.every(element => getComputedStyle(element).opacity === '1')")
         running.terminate()
         running.wait(PATIENCE_S)
         until(page, "document.getElementById('state').textContent === 'port away'")
+        assert page.evaluate(f"{shown}.every(element => getComputedStyle(element).opacity < 0.5)")
         assert page.locator("#events").inner_text().count("lost") == 1
 
 

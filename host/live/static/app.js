@@ -170,6 +170,7 @@ function showState() {
   const [text, kind] = stateOf(), pill = byId("state");
   pill.textContent = text;
   pill.className = `pill ${kind}`;
+  document.body.classList.toggle("old", kind === "bad");
   byId("trouble").textContent = status?.trouble ?? "";
   if (status) book.show({...status, ageS: hello.mode === "log" ? null : age(), log: hello.log});
 }

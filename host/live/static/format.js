@@ -1,6 +1,6 @@
 // Numbers as people read them.
 
-const DECIMALS = {deg: 3, "m/s": 3, m: 2, s: 2, "deg/s": 4, cycles: 0, Hz: 2};
+const DECIMALS = {deg: 3, "m/s": 3, m: 2, s: 3, "deg/s": 4, cycles: 0, Hz: 2};
 const POSITION_DECIMALS = 7;
 const MOST_DECIMALS = 5;
 const MOST_PLAIN = 1e7;

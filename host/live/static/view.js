@@ -75,6 +75,7 @@ export class View {
 
   show() {
     byId("pause").textContent = this.fixed ? "Live" : "Pause";
+    byId("held").hidden = !this.fixed;
     byId("pause").setAttribute("aria-pressed", String(Boolean(this.fixed)));
     this.changed();
   }

@@ -104,6 +104,7 @@ def test_unknown_frames_of_several_types_keep_a_line_alive(browser: Any, tmp_pat
         ("number(540.25, 'deg', 'longitude')", "-179.7500000"),
         ("number(7105, 'cycles', 'solver_cycles')", "7,105"),
         ("number(0, 'm/s', 'vel_up')", "0.000"),
+        ("number(26.947, 's', 'valid_time')", "26.947"),
         ("number(null)", "–"),
         ("duration(3725)", "1:02:05 h"),
     ],
