@@ -68,7 +68,7 @@ class Logbook:
         return messages.text(
             "status",
             connected=False,
-            trouble="",
+            trouble=self._damage(),
             elapsedS=0.0 if first_ns is None or last_ns is None else (last_ns - first_ns) * 1e-9,
             frames=stream.frames.total() - described,
             descriptions=described,
@@ -81,6 +81,14 @@ class Logbook:
             sessions=len(stream.sessions),
             sessionStarts=[start for table in self._tables for start in table.session_starts],
         )
+
+    def _damage(self) -> str:
+        damages = self._recording.damages
+        if not damages:
+            return ""
+        lost = sum(damage.length for damage in damages)
+        ending = ", its end is cut off" if damages[-1].at_end else ""
+        return f"the log file is damaged ({lost:,} bytes in {len(damages):,} stretches{ending}); the rest is shown"
 
     def obey(self, request: requests.Mark | requests.Command) -> None:
         """Refuses: a log has no board, and is not written to."""

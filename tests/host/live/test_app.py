@@ -204,6 +204,23 @@ def test_a_bad_export_is_one_sentence(client: TestClient, query: str) -> None:
     assert answer.text.count("\n") == 1
 
 
+def test_damage_of_a_log_is_told(tmp_path: Path, kit: Any) -> None:
+    path = tmp_path / "flight.log"
+    with LogWriter(path) as log:
+        for number in range(9):
+            log.data(number, kit.Flight().line(9))
+    data = path.read_bytes()
+    damaged = data[:300] + b"?" + data[301:-7]
+    path.write_bytes(damaged)
+    # Header 12; the first chunk of nine that are equally long, and the last without its end.
+    chunk = (len(data) - 12) // 9
+    status = json.loads(Logbook(open_source(path)).status())
+    text = f"the log file is damaged ({2 * chunk - 7:,} bytes in 2 stretches, its end is cut off); the rest is shown"
+    assert status["trouble"] == text
+    path.write_bytes(data)
+    assert json.loads(Logbook(open_source(path)).status())["trouble"] == ""
+
+
 def test_a_mark_of_a_log_stands_where_it_was_made(tmp_path: Path, kit: Any) -> None:
     path, flight = tmp_path / "flight.log", kit.Flight()
     with LogWriter(path) as log:
