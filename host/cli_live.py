@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -13,6 +14,15 @@ from typing import Any
 from host.cli_line import add_outlet_options, add_segment_options, baud, outlets
 from host.errors import UsageError
 
+# Options that say how a port is recorded, as they are when they are not given.
+_OF_A_PORT = {
+    "log": None,
+    "once": False,
+    "segment_bytes": math.inf,
+    "segment_s": math.inf,
+    "share": None,
+    "nmea": None,
+}
 Say = Callable[[str], None]
 Handling = Callable[[Callable[[int, FrameType | None], None]], AbstractContextManager[None]]
 
@@ -44,9 +54,12 @@ def _live(arguments: argparse.Namespace, tell: Say, handling: Handling) -> int:
         ) from None
     address = Address.of(arguments.http, arguments.token)
     server = Server()
-    show = _show_log if Path(arguments.source).is_file() else _show_line
-    with handling(lambda _number, _frame: server.stop()):
-        show(arguments, address, server, tell)
+    stopping = handling(lambda _number, _frame: server.stop())
+    if Path(arguments.source).is_file():
+        _show_log(arguments, address, server, tell, stopping)
+    else:
+        with stopping:
+            _show_line(arguments, address, server, tell)
     return 0
 
 
@@ -63,10 +76,14 @@ def _show_line(arguments: argparse.Namespace, address: Any, server: Any, tell: S
     tell(f"{log}: {recorder.stream.frames.total():,} frames, {recorder.stream.lost:,} lost")
 
 
-def _show_log(arguments: argparse.Namespace, address: Any, server: Any, tell: Say) -> None:
+def _show_log(
+    arguments: argparse.Namespace, address: Any, server: Any, tell: Say, stopping: AbstractContextManager[None]
+) -> None:
     from host.live.serve import serve_log
     from host.source import open_source
 
-    if arguments.log is not None:
-        raise UsageError(f"--log: expected a port to record, found that {arguments.source} is a file")
-    serve_log(open_source(Path(arguments.source)), address, server, tell)
+    for name, default in _OF_A_PORT.items():
+        if getattr(arguments, name) != default:
+            option = name.replace("_", "-")
+            raise UsageError(f"--{option}: expected a port to record, found that {arguments.source} is a file")
+    serve_log(open_source(Path(arguments.source)), address, server, tell, stopping)

@@ -227,12 +227,19 @@ def serve_line(
     return recorder
 
 
-def serve_log(source: Source, address: Address, server: Server, say: Callable[[str], None]) -> None:
-    """Serves the page of a log until the server is stopped.
+def serve_log(
+    source: Source,
+    address: Address,
+    server: Server,
+    say: Callable[[str], None],
+    stopping: contextlib.AbstractContextManager[None],
+) -> None:
+    """Serves the page of a log until the server is stopped; `stopping` is entered once the log is read.
 
     Raises UsageError when the log holds nothing to show, and when the address cannot be opened.
     """
     with contextlib.closing(address.bound()) as listening:
         logbook = Logbook(source)
-        say(f"{source.path}: shown at {address.url(listening)}")
-        server.run(Service(logbook, listening, address.token, list))
+        with stopping:
+            say(f"{source.path}: shown at {address.url(listening)}")
+            server.run(Service(logbook, listening, address.token, list))

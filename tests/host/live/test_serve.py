@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from host.cli import main
+from host.live import serve
 
 MISTAKES = [
     ("none", "port none: cannot be opened: No such file or directory"),
@@ -18,6 +21,9 @@ MISTAKES = [
     ("none --token schlüssel", "--token: expected letters, digits, and any of - . _ ~"),
     ("text", "text: expected a log or the raw bytes of a line"),
     ("text --log new", "--log: expected a port to record, found that text is a file"),
+    ("text --share 0", "--share: expected a port to record, found that text is a file"),
+    ("text --segment-bytes 9", "--segment-bytes: expected a port to record, found that text is a file"),
+    ("text --once", "--once: expected a port to record, found that text is a file"),
 ]
 
 
@@ -34,3 +40,13 @@ def test_a_mistake_is_one_sentence(
     assert captured.err.count("\n") == 1
     assert sentence in captured.err
     assert [path.name for path in Path().iterdir()] == ["text"]
+
+
+def test_an_interrupt_ends_the_reading_of_a_log(
+    tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "a.raw"
+    log.write_bytes(kit.Flight().line(9))
+    monkeypatch.setattr(serve, "Logbook", lambda _source: signal.raise_signal(signal.SIGINT))
+    assert main(["live", str(log), "--http", "127.0.0.1:0"]) == 130
+    assert capsys.readouterr().err == "nav-host: interrupted\n"
