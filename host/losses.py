@@ -9,11 +9,15 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from host.curves import time_field
 from host.frames import Decoder, Frame
-from host.log import REPAIRED, REPAIRED_END, Chunk, Damage, Event, Kind
+from host.log import REPAIRED, REPAIRED_END, Chunk, Damage, Event, Item, Kind, LogBlock
+from host.scan import KIND
 from host.schema import DESCRIPTION_TYPE, Layout, Schema
 from host.schema import Kind as FieldKind
+from host.source import Recording
 from host.stream import SequenceAccount
 
 if TYPE_CHECKING:
@@ -80,8 +84,13 @@ class _Seen:
 
 def find_losses(found: Survey) -> Losses:
     """Goes through a surveyed source once more where frames are missing."""
-    losses = Losses(away_s=list(_times_away(found)))
+    away_s = list(_times_away(found))
+    losses = Losses(away_s=away_s)
     if found.stream.lost:
+        _Walk(found, losses).run_where_frames_are_missing()
+    if losses.causes.total() != found.stream.lost:
+        # A gap that shows far behind its place: frames that waited for their description, or come very seldom.
+        losses = Losses(away_s=away_s)
         _Walk(found, losses).run()
     return losses
 
@@ -119,13 +128,53 @@ class _Walk:
 
     def run(self) -> None:
         for item in self._source.items():
-            if isinstance(item, Damage):
-                self._log_damages += 1
-            elif isinstance(item, Event):
-                self._happen(item)
-            else:
-                self._read(item)
+            self._pass(item)
         self._take(self._decoder.finish(), None)
+
+    def run_where_frames_are_missing(self) -> None:
+        """The same, frame by frame only in blocks with a gap, and in those before them, where that shows all of it."""
+        recording = Recording()
+        for _ in recording.batches(self._watched(recording)):
+            pass
+
+    def _watched(self, recording: Recording) -> Iterator[LogBlock]:
+        """The blocks for the books of a recording; whoever takes the next one has entered the one before."""
+        before: LogBlock | None = None
+        for block in self._source.blocks():
+            lost = recording.stream.lost
+            yield block
+            kept = LogBlock(block.data.copy(), block.chunks.copy(), block.offset)
+            if recording.stream.lost == lost:
+                self._skip(before)
+                before = kept
+                continue
+            if before is not None:
+                self._decoder = Decoder()
+                self._accounts.clear()
+                self._before.clear()
+                self._walk(before)
+            self._walk(kept)
+            before = None
+
+    def _walk(self, block: LogBlock) -> None:
+        for row in range(len(block.chunks)):
+            if (item := block.item(row)) is not None:
+                self._pass(item)
+
+    def _skip(self, block: LogBlock | None) -> None:
+        """Only what is no data: the state of the port and of the log goes on."""
+        rows = [] if block is None else np.flatnonzero(block.chunks[:, KIND] != Kind.DATA).tolist()
+        for row in rows:
+            if block is not None and (item := block.item(row)) is not None:
+                self._pass(item)
+
+    def _pass(self, item: Item) -> None:
+        if isinstance(item, Damage):
+            self._log_damages += 1
+        elif isinstance(item, Event):
+            self._happen(item)
+        else:
+            self._read(item)
 
     def _happen(self, event: Event) -> None:
         if event.kind is Kind.LOST:

@@ -41,15 +41,18 @@ class Source:
             return _read_raw(self.path)
         return chain.from_iterable(map(read_log, segments_of(self.path)))
 
+    def blocks(self) -> Iterator[LogBlock]:
+        """The same in large pieces."""
+        return _log_blocks(self.path) if self.is_log else _raw_blocks(self.path)
+
     def batches(self, recording: Recording) -> Iterator[Batch]:
         """All frames that can be decoded.
 
         The frames of a type keep their order; a batch has at least BATCH_FRAMES of them, unless it is the last of its
         layout and session. `recording` keeps the books and is complete at the end.
         """
-        blocks = _log_blocks(self.path) if self.is_log else _raw_blocks(self.path)
         waiting: dict[int, list[Batch]] = {}
-        for batch in recording.batches(blocks):
+        for batch in recording.batches(self.blocks()):
             same = waiting.setdefault(batch.layout.type, [])
             if same and not same[0].is_continued_by(batch):
                 yield joined(same)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from host import source
 from host.analysis import analyse
+from host.frames import Decoder, Frame
 from host.log import Kind, LogWriter
 from host.losses import Cause, Losses, find_losses
 from host.source import open_source
@@ -109,6 +112,39 @@ def test_frames_before_their_description_count(tmp_path: Path, kit: Any) -> None
     frames = [kit.Flight().frame(number) for number in (0, 1, 4, 5)]
     raw.write_bytes(b"".join(frames) + kit.descriptions())
     assert [(gap.after, gap.missing) for gap in losses_of(raw).gaps] == [(1, 2)]
+
+
+@pytest.mark.parametrize("block_bytes", [300, 1000, 4000])
+def test_blocks_without_a_gap_are_passed_over(
+    tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPatch, block_bytes: int
+) -> None:
+    """The state of the port, the log and the numbers is the same behind them."""
+    eventful_log(tmp_path / "a.log", kit)
+    whole = losses_of(tmp_path / "a.log")
+    assert whole.causes.total() == 16
+    monkeypatch.setattr(source, "_BLOCK_BYTES", block_bytes)
+    assert losses_of(tmp_path / "a.log") == whole
+
+
+def test_a_gap_in_a_long_line_is_found_without_walking_all_of_it(
+    tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight, decoded, original = kit.Flight(), Counter[str](), Decoder.feed
+
+    def feed(decoder: Decoder, data: bytes) -> list[Frame]:
+        decoded["bytes"] += len(data)
+        return original(decoder, data)
+
+    with LogWriter(tmp_path / "a.log") as log:
+        log.data(START_NS, kit.descriptions())
+        for number in range(1000):
+            if number != 600:
+                log.data(START_NS + number * FRAME_NS, flight.frame(number))
+    monkeypatch.setattr(source, "_BLOCK_BYTES", 4000)
+    found = survey(open_source(tmp_path / "a.log"))
+    monkeypatch.setattr(Decoder, "feed", feed)
+    assert [(gap.after, gap.missing) for gap in find_losses(found).gaps] == [(599, 1)]
+    assert 0 < decoded["bytes"] < 20_000
 
 
 @given(st.lists(st.sampled_from(["good", "hit", "absent"]), min_size=3, max_size=60), st.integers(1, 700))
