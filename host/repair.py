@@ -66,9 +66,10 @@ def repair(source: Source, target: Path) -> Repair:
     """Writes a log without damage, of all segments together; the source stays as it is.
 
     Undamaged frames of a damaged stretch become data with the time of the chunk before it. Marks in the log say where
-    that was. Raises UsageError when the source is no log or the target cannot be written.
+    that was. A file with chunks is a log, also where its header is hit. Raises UsageError when the source is no log or
+    the target cannot be written.
     """
-    if not source.is_log:
+    if not source.is_log and not any(isinstance(record, _Whole) for record in _records(source.path)):
         raise UsageError(f"{source.path}: expected a log, found raw bytes of a line, which cannot be damaged as a log")
     with replacing(target, source.path) as partial, partial.open("wb") as file:
         file.write(FILE_HEADER.pack(MAGIC, VERSION))

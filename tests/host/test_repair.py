@@ -203,6 +203,14 @@ def test_segments_become_one_log(tmp_path: Path, kit: Any) -> None:
         repair(open_source(tmp_path / "a.log"), tmp_path / "a.0002.log")
 
 
+def test_a_log_whose_header_is_hit(tmp_path: Path, kit: Any) -> None:
+    log = written_log(kit, 20, [116])
+    for header in (bytes(12), b"\x92" + log.data[1:12]):
+        target = repaired(tmp_path / "in.log", header + log.data[12:])
+        assert target.read_bytes()[:12] == log.data[:12]
+        assert decoded(line_of(target)) == Counter(frame for frame, _ in log.frames)
+
+
 def test_nothing_but_damage_still_makes_a_log(tmp_path: Path, kit: Any) -> None:
     frame = kit.frame(9, b"whole")
     target = repaired(tmp_path / "in.log", MAGIC + b"\x01\0\0\0" + b"?" * 50 + frame + b"!" * 50)
