@@ -6,6 +6,7 @@ import copy
 import io
 import math
 import re
+import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,6 +72,8 @@ _DARK = {
 # A few units of the described position (6 mm).
 _LEAST_HALF_SIDE_M = 0.05
 _NEAR_LIMIT = 0.3
+# Of a frame's name in a file's name, which has 255 bytes at the most.
+_MOST_NAME = 200
 
 
 @dataclass
@@ -126,7 +129,7 @@ def _svgs(pyplot: Any, figures: Iterator[tuple[str, Any]], style: dict[str, Any]
             name, figure = drawn
             file = io.BytesIO()
             try:
-                figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
+                _savefig(figure, file, format="svg", transparent=True, metadata={"Date": None})
             finally:
                 pyplot.close(figure)
         yield name, file.getvalue()
@@ -139,11 +142,18 @@ def _save(pyplot: Any, figures: Iterator[tuple[str, Any]], source: Source, direc
             path = directory / f"{figure_name}.png"
             try:
                 with replacing(path, source.path) as partial:
-                    figure.savefig(partial, format="png", dpi=_DPI)
+                    _savefig(figure, partial, format="png", dpi=_DPI)
             finally:
                 pyplot.close(figure)
             paths.append(path)
     return paths
+
+
+def _savefig(figure: Any, file: Any, **how: Any) -> None:
+    """A letter that no font has, or axes without room, are drawn as well as can be: no news for the terminal."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        figure.savefig(file, **how)
 
 
 def load_pyplot() -> Any:
@@ -201,7 +211,7 @@ def _charts(found: Survey) -> dict[str, Chart]:
 
 
 def _file_name(layout: Layout, taken: set[str]) -> str:
-    name = re.sub(r"[^A-Za-z0-9_-]+", "_", layout.name)
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", layout.name)[:_MOST_NAME]
     return f"frame_{layout.type}_{name}" if not name.strip("_") or name in taken else f"frame_{name}"
 
 
@@ -280,7 +290,8 @@ def _draw_curves(axis: Any, panel: Panel, chart: Chart) -> None:
         if column in chart.columns.unwrapped and known.any():
             rows[:, 1] = on_the_main_branch(rows[:, 1])
         drawn.append(rows[known, 1])
-        axis.plot(rows[:, 0], rows[:, 1], color=f"C{number}", label=column)
+        # A legend leaves out names that begin with a line.
+        axis.plot(rows[:, 0], rows[:, 1], color=f"C{number}", label=f" {column}" if column.startswith("_") else column)
     axis.set_ylabel(panel.title)
     axis.margins(x=0.01)
     axis.ticklabel_format(axis="y", useOffset=False)

@@ -219,6 +219,24 @@ def test_an_unknown_frame_is_planned_from_its_description(tmp_path: Path, kit: A
     ]
 
 
+def test_names_that_are_hard_to_draw(tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Letters that no font has, a name as long as a description takes, names that legends leave out."""
+    rows = (kit.FieldRow("_日", 1, 1.0, "V"), kit.FieldRow("_b", 1, 1.0, "V"))
+    raw = tmp_path / "line.bin"
+    raw.write_bytes(kit.descriptions(6, "n" * 210, rows) + kit.frame(6, b"\x01\x02") * 3)
+    legends = []
+    close = plot_module.load_pyplot().close
+
+    def seen(figure: Any) -> None:
+        legends.extend(text.get_text().strip() for axis in figure.axes for text in axis.get_legend().get_texts())
+        close(figure)
+
+    monkeypatch.setattr("matplotlib.pyplot.close", seen)
+    (picture,) = plot(open_source(raw), tmp_path / "figures")
+    assert picture.name == f"frame_{'n' * 200}.png"
+    assert legends == ["_日", "_b"]
+
+
 def test_figures_of_a_log(tmp_path: Path, kit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is on the axes, and that the files are pictures."""
     flight, log_path = kit.Flight(), tmp_path / "a.log"
