@@ -144,22 +144,13 @@ def test_a_budget_below_the_estimate_is_exceeded_in_the_first_cycle(tmp_path):
 
 
 def test_a_processor_that_is_too_slow_is_late_and_says_by_how_much():
-    # 20,000 cycles a tick: the solver's 6,700 do not fit beside fourteen samples of more than 100 a millisecond.
-    sheet = BoardSheet(processor=ProcessorSheet(clkin_hz=2_000_000), adc=AdcSheet(rate_hz=7000.0))
+    # 20,000 cycles a tick: the solver's 7,100 do not fit beside a hundred samples of 134.
+    sheet = BoardSheet(processor=ProcessorSheet(clkin_hz=2_000_000), adc=AdcSheet(rate_hz=5000.0))
     report = flown(load_scenario("static"), 2.0, sheet=sheet)
     assert report["overruns"] > 10
     assert not report.within_budget
     assert report["first_overrun"]["cycles"] > report["tick_cycles"]
     assert "in navigation cycle" in report.budget_sentence
-
-
-def test_a_board_whose_ticks_are_never_served_does_not_pass():
-    # One sample takes 90 cycles and the next comes after 83: interrupts of the A/D leave nothing for the tick.
-    sheet = BoardSheet(processor=ProcessorSheet(clkin_hz=2_000_000), adc=AdcSheet(rate_hz=12_000.0, conversion_s=1e-6))
-    report = flown(load_scenario("static"), 1.0, sheet=sheet)
-    assert not report.within_budget
-    assert report["overruns"] >= 49
-    assert "never served" in report.budget_sentence
 
 
 def test_truth_that_a_recording_knows_in_some_rows_is_compared_between_them(tmp_path):
