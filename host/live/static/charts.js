@@ -112,12 +112,14 @@ class Plotted extends Chart {
     ctx.lineWidth = ratio;
     ctx.strokeStyle = ctx.fillStyle = colour;
     ctx.font = `${11 * ratio}px system-ui, sans-serif`;
-    ctx.textAlign = "left";
     for (const x of this.surroundings.sessions().filter(inside)) upright(ctx, plot.valToPos(x, "x", true), bbox, [2, 4]);
     for (const {x, text} of this.surroundings.marks(this.table).filter(mark => inside(mark.x))) {
       const left = plot.valToPos(x, "x", true);
       upright(ctx, left, bbox, []);
-      ctx.fillText(text, left + 3 * ratio, bbox.top + 10 * ratio);
+      // Beside the line, where there is more room.
+      const isRight = left > bbox.left + bbox.width / 2;
+      ctx.textAlign = isRight ? "right" : "left";
+      ctx.fillText(text, left + (isRight ? -3 : 3) * ratio, bbox.top + 10 * ratio);
     }
     this.limit(plot, ctx, bbox);
     ctx.restore();

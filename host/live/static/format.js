@@ -15,6 +15,11 @@ export function number(value, unit = "", name = "") {
   return Number.isInteger(value) ? grouped(value) : String(Number(value.toPrecision(6)));
 }
 
+// A number of any size in three digits.
+export function magnitude(value) {
+  return value === null || value === undefined ? "–" : String(Number(value.toPrecision(3)));
+}
+
 // Labels of an axis, with the decimals that its step needs.
 export function ticks(values, step) {
   const largest = Math.max(...values.map(Math.abs)), decimals = decimalsOf(step);

@@ -1,6 +1,6 @@
 // A spectrum that comes in pieces: each frame says its axis, its first frequency and the amplitudes from there on.
 
-import {number} from "./format.js";
+import {magnitude, number} from "./format.js";
 
 export const AMPLITUDE = /^amplitude_\d+$/;
 
@@ -60,9 +60,9 @@ export class Spectrum {
     const style = getComputedStyle(document.documentElement), of = name => style.getPropertyValue(name).trim();
     const axis = {stroke: of("--text"), grid: {stroke: of("--grid"), width: 1}, ticks: {stroke: of("--grid")}};
     const series = this.axes.map((label, index) => ({
-      label, stroke: of(`--curve-${index}`), width: 1.5, points: {show: false}, value: (_plot, value) => number(value, this.unit)}));
+      label, stroke: of(`--curve-${index}`), width: 1.5, points: {show: false}, value: (_plot, value) => magnitude(value)}));
     this.plot = new uPlot({
-      ...this.size(), scales: {x: {time: false}, y: {distr: LOGARITHMIC}}, axes: [{...axis, size: 34}, {...axis, size: 66}], cursor: {drag: {x: true, y: false}},
+      ...this.size(), scales: {x: {time: false}, y: {distr: LOGARITHMIC}}, axes: [{...axis, size: 34}, {...axis, size: 66, values: (_plot, values) => values.map(value => (value === null ? null : magnitude(value)))}], cursor: {drag: {x: true, y: false}},
       series: [{label: "f", value: (_plot, value) => number(value, "Hz")}, ...series],
     }, this.data(), this.figure);
   }

@@ -106,6 +106,10 @@ def test_unknown_frames_of_several_types_keep_a_line_alive(browser: Any, tmp_pat
         ("number(0, 'm/s', 'vel_up')", "0.000"),
         ("number(26.947, 's', 'valid_time')", "26.947"),
         ("number(null)", "–"),
+        ("magnitude(0.0000123456)", "0.0000123"),
+        ("magnitude(1e-9)", "1e-9"),
+        ("magnitude(12345)", "12300"),
+        ("magnitude(null)", "–"),
         ("duration(3725)", "1:02:05 h"),
     ],
 )
