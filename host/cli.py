@@ -129,7 +129,7 @@ def _parser() -> argparse.ArgumentParser:
 
     cli_live.add_to(commands, _tell, _handling)
     cli_line.add_to(commands, _say)
-    cli_files.add_to(commands, _say)
+    cli_files.add_to(commands, _say, _tell)
     return parser
 
 

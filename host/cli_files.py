@@ -12,16 +12,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from host.progress import ReadingProgress, Tell
+
 Say = Callable[[str], None]
 _LOG = "a log, or raw bytes of a line"
 
 
-def add_to(commands: Any, say: Say) -> None:
-    """Adds the parsers of the commands; their runners print with `say`, a line at a time."""
+def add_to(commands: Any, say: Say, tell: Tell) -> None:
+    """Adds the parsers of the commands; their runners print with `say`, a line at a time, and progress with `tell`."""
 
     def add(name: str, run: Callable[[argparse.Namespace, Say], None], text: str) -> argparse.ArgumentParser:
         def runner(arguments: argparse.Namespace) -> int:
-            run(arguments, say)
+            with ReadingProgress(arguments.log, tell) as progress:
+                arguments.watch = progress.read
+                run(arguments, say)
             return 0
 
         parser: argparse.ArgumentParser = commands.add_parser(name, help=text)
@@ -73,7 +77,7 @@ def _stats(arguments: argparse.Namespace, say: Say) -> None:
     from host.source import open_source
     from host.stats import report
 
-    found = analyse(open_source(arguments.log))
+    found = analyse(open_source(arguments.log, arguments.watch))
     say(json.dumps(as_data(found), indent=1) if arguments.json else report(found).removesuffix("\n"))
 
 
@@ -81,7 +85,7 @@ def _export(arguments: argparse.Namespace, say: Say) -> None:
     from host.export import export
     from host.source import open_source
 
-    written = export(open_source(arguments.log), arguments.to, arguments.output, arguments.frame)
+    written = export(open_source(arguments.log, arguments.watch), arguments.to, arguments.output, arguments.frame)
     what = "frames" if arguments.to == "mcap" else "rows"
     rest = f"; left out, because nothing tells their time: {written.left_out:,}" if written.left_out else ""
     say(f"{arguments.output}: {written.frames:,} {what}{rest}")
@@ -91,7 +95,7 @@ def _plot(arguments: argparse.Namespace, say: Say) -> None:
     from host.plot import plot
     from host.source import open_source
 
-    for path in plot(open_source(arguments.log), arguments.output):
+    for path in plot(open_source(arguments.log, arguments.watch), arguments.output):
         say(str(path))
 
 
@@ -99,7 +103,7 @@ def _report(arguments: argparse.Namespace, say: Say) -> None:
     from host.report import write_report
     from host.source import open_source
 
-    write_report(open_source(arguments.log), arguments.output)
+    write_report(open_source(arguments.log, arguments.watch), arguments.output)
     say(str(arguments.output))
 
 
@@ -108,7 +112,7 @@ def _repair(arguments: argparse.Namespace, say: Say) -> None:
     from host.source import open_source
     from host.stats import survey
 
-    source = open_source(arguments.log)
+    source = open_source(arguments.log, arguments.watch)
     done = repair(source, arguments.output)
     say(f"{arguments.output}: {done.chunks:,} whole chunks kept")
     if not done.stretches:
@@ -124,7 +128,9 @@ def _compare(arguments: argparse.Namespace, say: Say) -> None:
     from host.compare import compare
     from host.source import open_source
 
-    found = compare(open_source(arguments.log), arguments.reference, arguments.output, arguments.offset)
+    found = compare(
+        open_source(arguments.log, arguments.watch), arguments.reference, arguments.output, arguments.offset
+    )
     say(found.text)
     for path in found.files:
         say(str(path))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
@@ -16,7 +16,7 @@ from host.blocks import BlockStream
 from host.errors import UsageError
 from host.frames import Decoder
 from host.log import Chunk, Damage, Event, Item, Kind, LogBlock, is_log, log_blocks, read_log
-from host.scan import KIND, TIME
+from host.scan import KIND, STOP, TIME
 from host.segments import segments_of
 from host.stream import Stream
 
@@ -29,11 +29,13 @@ BATCH_FRAMES = 4096
 class Source:
     """A file that holds what a line said, a log with the segments that go on with it.
 
-    `items` and `batches` read from its beginning, in constant memory.
+    All ways of reading begin at its beginning, and take constant memory; `blocks` and `batches` tell `watch` to which
+    place of the file they have come.
     """
 
     path: Path
     is_log: bool
+    watch: Callable[[int], None] = field(default=lambda _count: None, compare=False)
 
     def items(self) -> Iterator[Item]:
         """What the file holds, in its order; a raw file has chunks without time only."""
@@ -43,7 +45,10 @@ class Source:
 
     def blocks(self) -> Iterator[LogBlock]:
         """The same in large pieces."""
-        return _log_blocks(self.path) if self.is_log else _raw_blocks(self.path)
+        for block in _log_blocks(self.path) if self.is_log else _raw_blocks(self.path):
+            yield block
+            if len(block.chunks):
+                self.watch(block.offset + int(block.chunks[-1, STOP]))
 
     def batches(self, recording: Recording) -> Iterator[Batch]:
         """All frames that can be decoded.
@@ -105,7 +110,7 @@ class Recording:
             self.last_ns = int(times_ns[-1])
 
 
-def open_source(path: Path) -> Source:
+def open_source(path: Path, watch: Callable[[int], None] = lambda _count: None) -> Source:
     """The log, or the raw line bytes, in a file.
 
     Raises UsageError when the file cannot be read or holds neither.
@@ -116,9 +121,9 @@ def open_source(path: Path) -> Source:
         if path.exists() and not path.is_file():
             raise UsageError(f"{path}: expected a log, found what is not a file (a port is read by `record`)")
         if is_log(path):
-            return Source(path, is_log=True)
+            return Source(path, is_log=True, watch=watch)
         if _holds_a_frame(path):
-            return Source(path, is_log=False)
+            return Source(path, is_log=False, watch=watch)
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
     raise UsageError(
