@@ -48,7 +48,7 @@ def test_a_short_work_says_nothing(tmp_path: Path) -> None:
 
 def test_the_place_goes_from_the_first_block_to_the_end_of_the_file(tmp_path: Path, kit: Any) -> None:
     path = tmp_path / "a.raw"
-    path.write_bytes(kit.Flight().line(200) * 60)
+    path.write_bytes(kit.Flight().line(200) * 100)
     places: list[int] = []
     list(open_source(path, places.append).batches(Recording()))
     assert places == sorted(set(places))
