@@ -1,4 +1,4 @@
-"""How the reading of a recording goes, on standard error, while it takes long."""
+"""How the reading of a recording goes, on a terminal, while it takes long."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from types import TracebackType
 
 # Nobody wants to read of what is done by then.
 _PATIENCE_S = 2.0
-# A terminal shows a line that changes; a file or a build's output gets a line now and then.
-_TERMINAL_PERIOD_S = 0.5
-_PLAIN_PERIOD_S = 10.0
+_PERIOD_S = 0.5
 
 Tell = Callable[..., None]
 
@@ -21,22 +19,23 @@ Tell = Callable[..., None]
 class ReadingProgress:
     """Says how far a recording is read, from a thread of its own, between entering and leaving the context.
 
-    `tell(text, end=...)` writes to standard error.
+    `tell(text, end=...)` writes to standard error; where that is no terminal, nothing is said.
     """
 
     def __init__(self, path: Path, tell: Tell) -> None:
         self._path = path
         self._tell = tell
-        self._bytes = 0
+        self._place = 0
         self._over = threading.Event()
-        self._is_terminal = sys.stderr is not None and sys.stderr.isatty()
         self._thread = threading.Thread(target=self._run, name="progress", daemon=True)
 
     def read(self, place: int) -> None:
         """The file was read up to this place, for the first time or again."""
-        self._bytes = place
+        self._place = place
 
     def __enter__(self) -> ReadingProgress:
+        if sys.stderr is None or not sys.stderr.isatty():
+            self._over.set()
         self._thread.start()
         return self
 
@@ -47,25 +46,19 @@ class ReadingProgress:
         self._thread.join()
 
     def _run(self) -> None:
-        shown = False
-        while not self._over.wait(self._period_s if shown else _PATIENCE_S):
-            shown = True
-            if self._is_terminal:
-                # A line that wraps cannot be written over.
-                width = shutil.get_terminal_size().columns - 1
-                self._tell(f"\r{self.text[:width]:<{width}}", end="")
-            else:
-                self._tell(self.text)
-        if shown and self._is_terminal:
-            self._tell("")
-
-    @property
-    def _period_s(self) -> float:
-        return _TERMINAL_PERIOD_S if self._is_terminal else _PLAIN_PERIOD_S
+        if self._over.wait(_PATIENCE_S):
+            return
+        while True:
+            # A line that wraps cannot be written over.
+            width = shutil.get_terminal_size().columns - 1
+            self._tell(f"\r{self.text[:width]:<{width}}", end="")
+            if self._over.wait(_PERIOD_S):
+                self._tell("")
+                return
 
     @property
     def text(self) -> str:
         """How it goes, in words."""
-        if not self._bytes:
+        if not self._place:
             return f"{self._path}: compiling what reads it: once after an installation, some seconds ..."
-        return f"{self._path}: {self._bytes / 1e6:,.0f} MB read"
+        return f"{self._path}: {self._place / 1e6:,.0f} MB read"

@@ -192,7 +192,7 @@ def _first_spells(spells: Spells) -> str:
 def _recording(found: Survey) -> Iterator[str]:
     path = found.source.path
     what = "log" if found.source.is_log else "raw bytes of a line"
-    yield html.paragraph(f"{path}: {what}, {path.stat().st_size:,} bytes")
+    yield html.paragraph(f"{path}: {what}, {found.source.size_text}")
     sessions = found.stream.sessions
     if len(sessions) > 1:
         rows = [

@@ -37,6 +37,13 @@ class Source:
     is_log: bool
     watch: Callable[[int], None] = field(default=lambda _count: None, compare=False)
 
+    @property
+    def size_text(self) -> str:
+        """How large the recording is, with all its segments, in words."""
+        files = list(segments_of(self.path)) if self.is_log else [self.path]
+        several = f" in {len(files)} files" if len(files) > 1 else ""
+        return f"{sum(file.stat().st_size for file in files):,} bytes{several}"
+
     def items(self) -> Iterator[Item]:
         """What the file holds, in its order; a raw file has chunks without time only."""
         if not self.is_log:

@@ -127,7 +127,7 @@ def report(analysis: Analysis) -> str:
 def _summary(found: Survey) -> Iterator[str]:
     source, stream = found.source, found.stream
     what = "log" if source.is_log else "raw bytes of a line, without host time"
-    yield f"file      {source.path}: {what}, {source.path.stat().st_size:,} bytes"
+    yield f"file      {source.path}: {what}, {source.size_text}"
     if found.span_s is not None and found.recording.first_ns is not None:
         yield f"recorded  {utc_text(found.recording.first_ns)}, {found.span_s:.3f} s"
     rate = f", {stream.bytes / found.span_s:,.0f} bytes/s" if found.span_s else ""

@@ -24,6 +24,7 @@ from host.source import Source
 from host.stream import Arrival
 
 DEFAULT_ADDRESS = ("127.0.0.1", 8000)
+_EVERY_ADDRESS = ("0.0.0.0", "::")
 # Frames wait so long for others, so that a fast line costs no message for each.
 _GATHER_S = 0.04
 _STATUS_PERIOD_S = 0.25
@@ -70,7 +71,9 @@ class Address:
 
     def url(self, listening: socket.socket) -> str:
         """What a browser opens."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
+        # Every address of this computer is none that a browser can open.
+        name = socket.gethostname() if self.host in _EVERY_ADDRESS else self.host
+        host = f"[{name}]" if ":" in name else name
         query = f"?token={self.token}" if self.token else ""
         return f"http://{host}:{listening.getsockname()[1]}/{query}"
 

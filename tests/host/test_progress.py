@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import threading
 from pathlib import Path
 from typing import Any
@@ -13,34 +14,48 @@ from host.progress import ReadingProgress
 from host.source import Recording, open_source
 
 
-@pytest.fixture
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def become_impatient(monkeypatch: pytest.MonkeyPatch, stderr: io.StringIO) -> None:
     monkeypatch.setattr(progress_module, "_PATIENCE_S", 0.001)
-    monkeypatch.setattr(progress_module, "_PLAIN_PERIOD_S", 0.001)
+    monkeypatch.setattr(progress_module, "_PERIOD_S", 0.001)
+    monkeypatch.setattr("sys.stderr", stderr)
 
 
-@pytest.mark.usefixtures("impatient")
-def test_it_says_what_takes_so_long(tmp_path: Path) -> None:
+def test_it_says_what_takes_so_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    become_impatient(monkeypatch, Terminal())
     said: list[str] = []
     compiling, reading = threading.Event(), threading.Event()
 
     def tell(text: str, end: str = "\n") -> None:
-        said.append(text + end)
+        said.append(text.strip() + end)
         (compiling if "compiling" in text else reading).set()
 
-    with ReadingProgress(tmp_path / "a.log", tell) as progress:
+    with ReadingProgress(Path("a.log"), tell) as progress:
         assert compiling.wait(60)
         progress.read(3_000_000)
         assert reading.wait(60)
-    count = len(said)
-    assert said[0].startswith(f"{tmp_path / 'a.log'}: compiling what reads it")
-    assert said[-1] == f"{tmp_path / 'a.log'}: 3 MB read\n"
+    assert said[0].startswith("a.log: compiling what reads it")
+    # A line that is written over is ended at last.
+    assert said[-2:] == ["a.log: 3 MB read", "\n"]
     assert not any(thread.name == "progress" for thread in threading.enumerate())
-    assert len(said) == count
 
 
-def test_a_short_work_says_nothing(tmp_path: Path) -> None:
+def test_a_file_or_a_build_gets_no_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
+    become_impatient(monkeypatch, io.StringIO())
+    with ReadingProgress(Path("a.log"), lambda text, end="\n": said.append(text)) as progress:
+        progress.read(1)
+    assert said == []
+
+
+def test_a_short_work_says_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr("sys.stderr", Terminal())
+    monkeypatch.setattr(progress_module, "_PATIENCE_S", 60.0)
     with ReadingProgress(tmp_path / "a.log", lambda text, end="\n": said.append(text)):
         pass
     assert said == []

@@ -55,6 +55,8 @@ def test_the_segments_are_read_as_one(tmp_path: Path, kit: Any) -> None:
     assert frames == list(range(300))
     assert (recording.stream.lost, recording.stream.decoder.damaged, len(recording.stream.sessions)) == (0, 0, 1)
     assert b"".join(item.data for item in open_source(path).items() if isinstance(item, Chunk)) == line
+    sizes = [segment.stat().st_size for segment in segments_of(path)]
+    assert open_source(path).size_text == f"{sum(sizes):,} bytes in {len(sizes)} files"
 
 
 def test_files_are_limited_in_time(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ const replay = new Replay(view, () => navigation() ?? tables.values().next().val
 
 const surroundings = {
   range: table => view.range(table),
-  zoom: (start, stop) => view.zoom(start, stop),
+  zoom: (start, stop, clock) => view.zoom(start, stop, clock),
   live: () => view.live(),
   recent: table => view.recent(table),
   marks: table => marks.filter(mark => table.layout.table in mark.times).map(({times, text}) => ({x: times[table.layout.table], text})),
@@ -45,6 +45,7 @@ const heard = {
     byId("charts").replaceChildren();
     byId("readouts").replaceChildren();
     byId("events").replaceChildren();
+    byId("exported").replaceChildren();
     marks.length = 0;
     byId("title").textContent = hello.title;
     document.title = `${hello.title} – nav-host`;
@@ -63,6 +64,8 @@ const heard = {
     if (isSpectrum(message)) show.charts.push(show.spectrum = new Spectrum(table, room, surroundings));
     else show.charts = chartsOf(table, room, surroundings);
     shows.set(table, show);
+    byId("exported").add(new Option(message.name, message.table, false, message.isNavigation));
+    byId("exported").hidden = tables.size < 2;
   },
   ready() { renew(); },
   rows(message) {
@@ -73,17 +76,17 @@ const heard = {
       if (heardAt) framePeriodMs = 0.9 * framePeriodMs + 0.1 * (table.heardAt - heardAt) / message.rows;
       heardAt = table.heardAt;
     }
-    table.append(message.columns, view.isFollowing);
-    if (view.isFollowing) table.trim(view.range(table)[0]);
+    table.append(message.columns, !view.isFixed(table));
+    if (!view.isFixed(table)) table.trim(view.range(table)[0]);
     // A thinned window that has grown long is asked for anew.
-    if (table.isStale && view.isFollowing) want(table);
+    if (table.isStale && !view.isFixed(table)) want(table);
     dirty = true;
   },
   window(message) {
     const table = tables.get(message.table);
     if (!table) return;
     table.asked = false;
-    table.replace(message.columns, view.isFollowing && hello.mode === "line");
+    table.replace(message.columns, !view.isFixed(table) && hello.mode === "line");
     if (table.wanted) want(table);
     dirty = true;
   },
@@ -227,7 +230,7 @@ byId("marking").addEventListener("submit", event => {
   byId("remark").value = "";
 });
 byId("export").addEventListener("click", () => {
-  const table = navigation() ?? tables.values().next().value;
+  const table = tables.get(Number(byId("exported").value));
   if (!table) return notice("nothing to export: no frame yet");
   const [start, stop] = view.range(table);
   location.assign(`export.csv?${new URLSearchParams({table: table.layout.table, start, stop})}`);

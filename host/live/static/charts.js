@@ -11,7 +11,7 @@ const FLAT = 1e-6;
 const UNWRAPPED = ["heading", "longitude"];
 
 // What the charts need of their surroundings:
-// range(table) -> [start, stop]; zoom(start, stop); live(); marks(table) -> [{x, text}]; sessions -> [x].
+// range(table) -> [start, stop]; zoom(start, stop, clock); live(); marks(table) -> [{x, text}]; sessions -> [x].
 export function chartsOf(table, room, surroundings) {
   const made = [];
   for (const plan of table.layout.plans) {
@@ -70,6 +70,9 @@ class Plotted extends Chart {
 
   size() { return {width: Math.max(200, this.figure.clientWidth - 24), height: this.height()}; }
 
+  // Charts of one clock are looked at together.
+  get clock() { return this.table.layout.timeTitle; }
+
   restyle() {
     this.plot?.destroy();
     this.plot = null;
@@ -80,7 +83,7 @@ class Plotted extends Chart {
     const options = {
       ...this.size(),
       legend: {live: true},
-      cursor: {sync: {key: "time"}, drag: {x: true, y: false, setScale: false}, focus: {prox: 24}},
+      cursor: {sync: {key: this.clock}, drag: {x: true, y: false, setScale: false}, focus: {prox: 24}},
       scales: {x: {time: false, range: () => this.surroundings.range(this.table)}, y: yScale},
       axes: [{...axis, size: 30, label: this.table.layout.timeTitle, labelSize: 16, labelFont: LABEL_FONT, labelGap: 0}, {...axis, size: 66, ...yAxis}],
       series: [{label: "t", value: (_plot, value) => number(value, "s")}, ...series],
@@ -96,7 +99,7 @@ class Plotted extends Chart {
   select(plot) {
     if (plot.select.width < 3) return;
     const at = pixels => plot.posToVal(pixels, "x");
-    this.surroundings.zoom(at(plot.select.left), at(plot.select.left + plot.select.width));
+    this.surroundings.zoom(at(plot.select.left), at(plot.select.left + plot.select.width), this.clock);
     plot.setSelect({left: 0, top: 0, width: 0, height: 0}, false);
   }
 

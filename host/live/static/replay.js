@@ -61,6 +61,7 @@ export class Replay {
     const passed = this.before === null ? 0 : (now - this.before) / 1000;
     this.before = now;
     if (!this.isOn || !this.main()) return false;
+    this.view.clock = this.main().layout.timeTitle;
     this.view.cursor ??= this.last;
     byId("position").value = (this.view.cursor - this.first) / (this.last - this.first || 1);
     byId("now").textContent = `${duration(this.view.cursor)} of ${duration(this.last)}`;

@@ -10,8 +10,11 @@ export class View {
   constructor(changed) {
     this.changed = changed;
     this.span = 60;
-    this.fixed = null;
+    // Stretches that are looked at, by the titles of their clocks; none where the curves follow.
+    this.fixed = new Map();
+    // The replay's place, in times of the clock with this title.
     this.cursor = null;
+    this.clock = null;
     this.ahead = 0;
     byId("span").addEventListener("change", () => {
       this.span = Number(byId("span").value);
@@ -25,13 +28,15 @@ export class View {
     });
   }
 
-  get isFollowing() { return this.fixed === null; }
+  isFixed(table) { return this.fixed.has(table.layout.timeTitle); }
 
   // The board time that is now: the newest, or the replay's.
-  now(table) { return this.cursor ?? table.lastX ?? table.layout.last ?? 0; }
+  now(table) { return this.cursorOf(table) ?? table.lastX ?? table.layout.last ?? 0; }
+
+  cursorOf(table) { return table.layout.timeTitle === this.clock ? this.cursor : null; }
 
   range(table) {
-    if (this.fixed) return this.fixed;
+    if (this.isFixed(table)) return this.fixed.get(table.layout.timeTitle);
     const now = this.now(table), first = table.x[0] ?? now;
     const start = Math.max(now - this.span, first);
     return [start, Math.max(now, start + LEAST_SPAN_S)];
@@ -39,44 +44,45 @@ export class View {
 
   // What to ask the host for; numbers of JSON are finite.
   fetched(table) {
-    if (this.fixed) {
-      const [start, stop] = this.fixed, margin = MARGIN * (stop - start);
+    if (this.isFixed(table)) {
+      const [start, stop] = this.range(table), margin = MARGIN * (stop - start);
       return [start - margin, stop + margin];
     }
     const now = this.now(table), start = Math.max(now - this.span * (1 + MARGIN), -Number.MAX_VALUE);
-    return [start, this.cursor === null || this.span === Infinity ? Number.MAX_VALUE : now + this.ahead];
+    return [start, this.cursorOf(table) === null || this.span === Infinity ? Number.MAX_VALUE : now + this.ahead];
   }
 
   // The last seconds before now.
   recent(table) {
-    const now = this.fixed ? this.fixed[1] : this.now(table);
+    const now = this.isFixed(table) ? this.range(table)[1] : this.now(table);
     return [now - RECENT_S, now];
   }
 
   toggle() {
-    if (this.fixed) this.live();
+    if (this.fixed.size) this.live();
     else this.freeze();
   }
 
   freeze() {
-    const [table] = window.navHost.tables.values();
-    if (table) this.zoom(...this.range(table));
+    for (const table of window.navHost.tables.values()) this.fixed.set(table.layout.timeTitle, this.range(table));
+    this.show();
   }
 
-  zoom(start, stop) {
-    this.fixed = [start, stop];
+  // A stretch of one clock; tables of another clock go on.
+  zoom(start, stop, clock) {
+    this.fixed = new Map([[clock, [start, stop]]]);
     this.show();
   }
 
   live() {
-    this.fixed = null;
+    this.fixed.clear();
     this.show();
   }
 
   show() {
-    byId("pause").textContent = this.fixed ? "Live" : "Pause";
-    byId("held").hidden = !this.fixed;
-    byId("pause").setAttribute("aria-pressed", String(Boolean(this.fixed)));
+    byId("pause").textContent = this.fixed.size ? "Live" : "Pause";
+    byId("held").hidden = !this.fixed.size;
+    byId("pause").setAttribute("aria-pressed", String(this.fixed.size > 0));
     this.changed();
   }
 }

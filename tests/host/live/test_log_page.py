@@ -120,6 +120,29 @@ def test_numbers_are_written_as_people_read_them(
         assert page.evaluate(f"import('/format.js').then(format => format.{call})") == text
 
 
+def test_charts_of_another_clock_keep_theirs_and_every_frame_can_be_exported(
+    browser: Any, tmp_path: Path, kit: Any
+) -> None:
+    """A frame without a time is drawn over its number; a stretch of board time is none of that."""
+    rows = (kit.FieldRow("oil_pressure", 2, 0.01, "bar"),)
+    line = kit.Flight().line(500) + kit.descriptions(9, "engine room", rows)
+    line += b"".join(kit.frame(9, kit.payload(rows, {"oil_pressure": 400})) for _ in range(50))
+    log = tmp_path / "both.raw"
+    log.write_bytes(line)
+    with served(log) as (url, _), page_of(browser, url, accept_downloads=True) as page:
+        other = "[...navHost.tables.values()][1]"
+        until(page, f"navHost.tables.size === 2 && {other}.x.length > 0 && ({NAVIGATION}).x.length > 0")
+        page.evaluate("navHost.view.zoom(2, 4, 'board time [s]')")
+        assert page.evaluate(f"navHost.view.range({NAVIGATION})") == [2, 4]
+        assert page.evaluate(f"navHost.view.range({other})") == [0, 49]
+        page.select_option("#exported", label="engine room")
+        with page.expect_download() as download:
+            page.click("#export")
+        text = Path(download.value.path()).read_text()
+    assert text.splitlines()[0] == '"number of the frame","oil_pressure [bar]"'
+    assert len(text.splitlines()) == 51
+
+
 def test_a_spectrum_is_put_together_from_its_pieces(browser: Any, tmp_path: Path, kit: Any) -> None:
     """Two axes of 32 bins in pieces of 8; the newest of each piece counts."""
     rows = (
