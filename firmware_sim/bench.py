@@ -183,7 +183,8 @@ class NativeRun(BoardRun):
         """Compile before the clock starts; the first run after an installation says so."""
         if not self.processor.is_compiled:
             self.announce(
-                f"compiling the {self.flight.engine} solver: once after an installation or an edit, about a minute ..."
+                f"compiling the {self.flight.engine} solver:"
+                " once after an installation, an edit or a new choice, about a minute ..."
             )
         self.processor.compile()
         if self.reference:

@@ -61,7 +61,7 @@ def add_commands(commands: Any) -> None:
     debug = commands.add_parser(
         "debug",
         help="step through an image",
-        description="A monitor for an image on the default board; reads its commands from standard input (try: help).",
+        description="A monitor for an image on the board; reads its commands from standard input (try: help).",
     )
     debug.set_defaults(command=_debug)
     debug.add_argument("image", metavar="IMAGE.out")

@@ -1,4 +1,4 @@
-"""`nav-host`: record what a board sends, look into recordings, export and draw them.
+"""Record what a board sends, look into recordings, export and draw them.
 
 What takes time to import (numpy, matplotlib) is imported by the commands, when the signals are already handled.
 """

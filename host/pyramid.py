@@ -111,9 +111,9 @@ class Pyramid:
     def window(self, start_s: float, stop_s: float, points: int) -> Floats:
         """The curves between two times and their neighbours on either side (columns x n).
 
-        Few rows come as they are. Of many, each of about `points` equal stretches gives two rows: the first with its
-        beginning and the least value of each column, the second with its end and the greatest. Where rows are missing
-        for longer than a stretch, a row of nan with a time in between interrupts the curves.
+        Few rows come as they are. Of many, each of about `points` equal stretches gives two rows, with its beginning
+        and its end, and the least and the greatest value of each column in the order in which its curve runs. Where
+        rows are missing for longer than a stretch, a row of nan with a time in between interrupts the curves.
         """
         stretch_s = max(stop_s - start_s, _LEAST_WINDOW_S) / points
         first, stop = self.numbers(start_s, stop_s)
@@ -192,8 +192,20 @@ def _thinned(low: Floats, high: Floats, start_s: float, stretch_s: float, gap_s:
     starts = np.flatnonzero((np.diff(stretches) != 0) | gaps) + 1
     lowest, highest = _reduced(low, high, np.concatenate(([0], starts, [low.shape[1]])))
     rows = np.empty((len(low), 2 * lowest.shape[1]))
-    rows[:, 0::2], rows[:, 1::2] = lowest, highest
+    falls = _falls((lowest + highest) / 2)
+    rows[:, 0::2], rows[:, 1::2] = np.where(falls, highest, lowest), np.where(falls, lowest, highest)
     return _interrupted(rows, 2 * (np.flatnonzero(gaps[starts - 1]) + 1))
+
+
+def _falls(middles: Floats) -> NDArray[np.bool_]:
+    """Where the curves run downwards from the stretch before to the next (columns x n); the time never does."""
+    before, after = middles[:, :-1], middles[:, 1:]
+    if middles.shape[1] < 2:
+        return np.zeros(middles.shape, np.bool_)
+    steps = np.concatenate(
+        (after[:, :1] - before[:, :1], middles[:, 2:] - middles[:, :-2], after[:, -1:] - before[:, -1:]), axis=1
+    )
+    return steps < 0.0
 
 
 def _interrupted(rows: Floats, places: NDArray[np.int64]) -> Floats:

@@ -111,7 +111,7 @@ class _Exchange:
             return f"port {port}: expected to hear a board before sending to it, {self._found()}; nothing was sent"
         return (
             f"port {port}: expected an answer to {self._text} within {self._wait_s:g} s, {self._found()}; "
-            "the command may have been obeyed all the same"
+            "the command may have been obeyed all the same (a virtual board obeys with --engine iss alone)"
         )
 
     def _found(self) -> str:

@@ -42,15 +42,15 @@ def check_window(kept: Kept, start_s: float, stop_s: float, points: int) -> Any:
     pairs = list(zip(curves[:, 0::2].T, curves[:, 1::2].T, strict=True))
     time = kept.rows[0]
     covered = np.zeros(len(time), dtype=bool)
-    for low, high in pairs:
-        inside = (low[0] <= time) & (time <= high[0])
+    for first, second in pairs:
+        inside = (first[0] <= time) & (time <= second[0])
         assert inside.any()
         covered |= inside
         between = kept.rows[1:, inside]
         expected_low = np.where(np.isnan(between).all(axis=1), np.nan, np.fmin.reduce(between, axis=1))
         expected_high = np.where(np.isnan(between).all(axis=1), np.nan, np.fmax.reduce(between, axis=1))
-        np.testing.assert_array_equal(low[1:], expected_low)
-        np.testing.assert_array_equal(high[1:], expected_high)
+        np.testing.assert_array_equal(np.fmin(first, second)[1:], expected_low)
+        np.testing.assert_array_equal(np.fmax(first, second)[1:], expected_high)
     assert covered[(start_s <= time) & (time <= stop_s)].all()
     # A stretch at the edge and a gap may each begin one more.
     assert len(pairs) <= 2 * points + 4
@@ -149,3 +149,16 @@ def test_the_bottom_is_asked_for_little() -> None:
     # 64 rows to a point, and a bin on either side.
     assert len(asked) == 2
     assert max(asked) <= 64 * (50 + 2)
+
+
+def test_a_thinned_curve_runs_as_the_curve_does() -> None:
+    """Of a straight line, up or down, every row of a window lies on it in its order."""
+    times = np.arange(10_000) * 0.02
+    rows = np.stack([times, 3.0 * times, -2.0 * times])
+    pyramid = Pyramid(3, lambda first, stop: rows[:, first:stop])
+    pyramid.add(rows)
+    for points in (20, 300, 2000):
+        time_s, rising, falling = pyramid.window(0.0, 200.0, points)
+        assert len(time_s) < 2 * points + 10
+        np.testing.assert_array_equal(rising, 3.0 * time_s)
+        np.testing.assert_array_equal(falling, -2.0 * time_s)

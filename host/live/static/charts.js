@@ -8,6 +8,7 @@ const LABEL_FONT = "12px system-ui, sans-serif";
 const LANE_HEIGHT = 22;
 const ON = 0.75;
 const FLAT = 1e-6;
+const MANY_POINTS = 30;
 const UNWRAPPED = ["heading", "longitude"];
 
 // What the charts need of their surroundings:
@@ -86,7 +87,7 @@ class Plotted extends Chart {
       cursor: {sync: {key: this.clock}, drag: {x: true, y: false, setScale: false}, focus: {prox: 24}},
       scales: {x: {time: false, range: () => this.surroundings.range(this.table)}, y: yScale},
       axes: [{...axis, size: 30, label: this.table.layout.timeTitle, labelSize: 16, labelFont: LABEL_FONT, labelGap: 0}, {...axis, size: 66, ...yAxis}],
-      series: [{label: "t", value: (_plot, value) => number(value, "s")}, ...series],
+      series: [{label: "time", value: (_plot, value) => number(value, "s")}, ...series],
       hooks: {
         setSelect: [plot => this.select(plot)],
         draw: [plot => this.annotate(plot, soft)],
@@ -147,7 +148,7 @@ class Curves extends Plotted {
   build() {
     const {curves} = colours(), fields = this.table.layout.fields;
     const series = this.panel.columns.map((name, index) => ({
-      label: name, stroke: curves[index % curves.length], width: 1.5, points: {show: false},
+      label: name, stroke: curves[index % curves.length], width: 1.5, points: {show: isSparse},
       value: (_plot, value) => number(value, fields[name]?.unit, name),
     }));
     const angle = this.panel.columns.some(name => UNWRAPPED.includes(name));
@@ -177,6 +178,11 @@ class Curves extends Plotted {
     ctx.lineTo(bbox.left + bbox.width, y);
     ctx.stroke();
   }
+}
+
+// Single frames show as points.
+function isSparse(_plot, _series, first, last) {
+  return last - first < MANY_POINTS;
 }
 
 // Some room around the curves, also around a flat one.

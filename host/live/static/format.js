@@ -50,5 +50,7 @@ export function bytes(count) {
 export function duration(seconds) {
   if (seconds < 60) return `${seconds.toFixed(1)} s`;
   const whole = Math.floor(seconds), two = value => String(value).padStart(2, "0");
-  return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)} h`;
+  const minutes = Math.floor(whole / 60) % 60;
+  if (whole < 3600) return `${minutes}:${two(whole % 60)} min`;
+  return `${Math.floor(whole / 3600)}:${two(minutes)}:${two(whole % 60)} h`;
 }

@@ -111,6 +111,7 @@ def test_unknown_frames_of_several_types_keep_a_line_alive(browser: Any, tmp_pat
         ("magnitude(12345)", "12300"),
         ("magnitude(null)", "–"),
         ("duration(3725)", "1:02:05 h"),
+        ("duration(299)", "4:59 min"),
     ],
 )
 def test_numbers_are_written_as_people_read_them(
