@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from starlette.testclient import TestClient
@@ -169,8 +169,8 @@ def test_frames_are_read_for_an_export_where_they_are_added(show: Logbook, monke
     monkeypatch.setattr(table, "rows", watched)
 
     async def export() -> str:
-        transport = httpx.ASGITransport(application(show, Pages(), Access()))
-        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+        transport = httpx2.ASGITransport(application(show, Pages(), Access()))
+        async with httpx2.AsyncClient(transport=transport, base_url="http://localhost") as client:
             return (await client.get("/export.csv?table=0")).text
 
     assert asyncio.run(export()).count("\n") == 1 + FRAMES
