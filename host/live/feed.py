@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from host.batch import Batch, batches_of
 from host.commands import answer_of, is_answer
@@ -12,6 +13,7 @@ from host.live import messages
 from host.live.tables import Tables, layout_message
 from host.log import Event, Kind
 from host.schema import prepare_decoding
+from host.source import Recording, Source
 from host.stream import Arrival
 
 MAX_EVENTS = 200
@@ -31,6 +33,14 @@ class Feed:
         self._lock = threading.Lock()
         self._arrivals: list[Arrival] = []
         self._new_events: list[Event] = []
+        self._past_sessions = 0
+
+    def recall(self, source: Source) -> None:
+        """Takes what the log holds from recordings before this one; their sessions come before its own."""
+        recording = Recording()
+        for batch in source.batches(recording):
+            self.tables.add(batch)
+        self._past_sessions = len(recording.stream.sessions)
 
     def hear(self, time_ns: int, data: bytes, arrivals: Sequence[Arrival]) -> None:
         """Called by the recorder for each read."""
@@ -53,7 +63,7 @@ class Feed:
             events, self._new_events = self._new_events, []
         made: list[str | bytes] = []
         for batch in batches_of(arrivals):
-            made.extend(self._messages_of(batch))
+            made.extend(self._messages_of(replace(batch, session=self._past_sessions + batch.session)))
         made.extend(_answers(arrivals))
         told = [event_message(event, self.tables.now_s()) for event in events]
         self._told_events.extend(told)

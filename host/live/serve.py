@@ -18,9 +18,9 @@ from host.live.feed import Feed
 from host.live.guard import Access, is_loopback, new_token
 from host.live.line import Line
 from host.live.logbook import Logbook
-from host.log import Event
+from host.log import Event, is_log
 from host.record import Recorder, Request
-from host.source import Source
+from host.source import Source, open_source
 from host.stream import Arrival
 
 DEFAULT_ADDRESS = ("127.0.0.1", 8000)
@@ -216,6 +216,8 @@ def serve_line(
             server.stop()
 
     with contextlib.closing(address.bound()) as listening, outlets(recorder):
+        if request.log.is_file() and is_log(request.log):
+            feed.recall(open_source(request.log))
         text = f"{request.port}: recorded to {request.log}, shown at {address.url(listening)}"
         recorder.add_listener(_Announcement(lambda: say(text)))
         thread = threading.Thread(target=record, name="recorder")

@@ -93,6 +93,20 @@ def test_a_page_that_reconnects_fills_its_gap(browser: Any, live: tuple[str, Pat
     assert numbers == list(range(int(numbers[0]), int(numbers[-1]) + 1))
 
 
+def test_a_host_that_starts_again_shows_what_its_log_holds(browser: Any, tmp_path: Path) -> None:
+    line, log = tmp_path / "line", tmp_path / "a.log"
+    first = f"({NAVIGATION}).column('sequence').find(number => number !== null)"
+    with board(line, "--engine", "c3x"):
+        with served(line, "--log", log) as (url, host), page_of(browser, url) as page:
+            wait_for_rows(page, 50)
+            host.kill()
+            host.wait(PATIENCE_S)
+        with served(line, "--log", log) as (url, _), page_of(browser, url) as page:
+            wait_for_rows(page, 60)
+            until(page, f"{first} !== undefined")
+            assert page.evaluate(first) == min(rows_of(log))
+
+
 def test_pause_zoom_and_the_way_back(browser: Any, live: tuple[str, Path]) -> None:
     url, _ = live
     visible = f"navHost.view.range({NAVIGATION})"

@@ -6,6 +6,7 @@ import json
 import math
 import struct
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 
 from host.live.feed import Feed
 from host.log import Event, Kind
+from host.source import open_source
 from host.stream import Stream
 
 
@@ -71,6 +73,21 @@ def test_a_board_that_starts_again_is_the_same_table(kit: Any) -> None:
     (table,) = feed.tables
     assert table.session_starts == [pytest.approx(1.98)]
     assert table.last_s == pytest.approx(2 * 1.98)
+
+
+def test_what_the_log_holds_of_before_comes_first(tmp_path: Path, kit: Any) -> None:
+    """Whether the board went on or started again is not known: as in the log, another recording is another session."""
+    path, flight = tmp_path / "before.raw", kit.Flight()
+    path.write_bytes(flight.line(100))
+    feed, stream = Feed(lambda: None), Stream()
+    feed.recall(open_source(path))
+    (rows,) = fed(feed, stream, kit.descriptions() + flight.frame(200) + flight.frame(201))
+    (table,) = feed.tables
+    assert rows["kind"] == "rows"
+    assert table.session_starts == [pytest.approx(1.98)]
+    window = table.window(-math.inf, math.inf, 1000)
+    assert window[1].tolist() == [*range(100), 200, 201]
+    assert window[0, -2:] == pytest.approx([1.98, 2.0])
 
 
 def test_answers_and_events_become_messages(kit: Any) -> None:
