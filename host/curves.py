@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -166,13 +167,13 @@ class Columns:
     """Columns to draw, batch by batch, for the frames of one name: those of the frame, and what is made from them.
 
     TIME is the board's time (else host time, else the number of the frame); sessions follow one another on it, and
-    it never steps back.
+    it never steps back. `board_rate` are board seconds in a host second; without it there is no JITTER.
     """
 
     # The one name that no field can have.
     TIME = ""
 
-    def __init__(self, board_rate: float = 1.0) -> None:
+    def __init__(self, board_rate: float | None = 1.0) -> None:
         self._board_rate = board_rate
         self.unwrapped: set[str] = set()
         self.time_title = "board time [s]"
@@ -198,7 +199,8 @@ class Columns:
             if name in columns and batch.layout.by_name[name].unit == "deg":
                 self.unwrapped.add(name)
                 columns[name] = self._unwrap(name, columns[name])
-        columns[JITTER] = self._jitter(batch.host_time_s, time)
+        if self._board_rate is not None:
+            columns[JITTER] = self._jitter(batch.host_time_s, time, self._board_rate)
         columns[self.TIME] = self._onward(time)
         self._last[self.TIME] = columns[self.TIME][-1]
         return columns
@@ -247,24 +249,33 @@ class Columns:
         return joined
 
     def _unwrap(self, name: str, values_deg: Floats) -> Floats:
-        unwrapped: Floats = np.unwrap(self._before(name, values_deg), period=360.0)[1:]
+        # As np.unwrap, which is slow for a few values.
+        turns = np.cumsum(np.rint(np.diff(self._before(name, values_deg)) / 360.0))
+        unwrapped: Floats = values_deg - 360.0 * turns
         self._last[name] = unwrapped[-1]
         return unwrapped
 
-    def _jitter(self, host_time_s: Floats, board_time_s: Floats) -> Floats:
+    def _jitter(self, host_time_s: Floats, board_time_s: Floats, board_rate: float) -> Floats:
         """Interval between arrivals less the interval of the board's times at the host's rate, ms.
 
         No drift of clocks adds up in it.
         """
         arrival = np.diff(self._before("host", host_time_s))
         nominal = np.diff(self._before("board", board_time_s))
-        return (arrival - nominal / self._board_rate) * 1e3
+        return (arrival - nominal / board_rate) * 1e3
+
+
+@functools.lru_cache(maxsize=256)
+def _lane_columns(field: Field) -> tuple[list[str], NDArray[np.int64]]:
+    """The columns of a field's words, and their bits or values, one row each."""
+    names = [lane_column(field.name, word) for word in field.lane_names()]
+    return names, np.arange(len(names), dtype=np.int64)[:, np.newaxis]
 
 
 def _lanes(field: Field, values: NDArray[np.int64]) -> Iterator[tuple[str, Floats]]:
-    for number, word in enumerate(field.lane_names()):
-        on = (values >> number) & 1 if field.kind is Kind.FLAGS else values == number
-        yield lane_column(field.name, word), on.astype(np.float64)
+    names, numbers = _lane_columns(field)
+    on = (values >> numbers) & 1 if field.kind is Kind.FLAGS else values == numbers
+    return zip(names, on.astype(np.float64), strict=True)
 
 
 class Thinner:

@@ -44,7 +44,7 @@ class History:
     """
 
     def __init__(self, layout: Layout, names: Sequence[str]) -> None:
-        self.columns = Columns()
+        self.columns = Columns(board_rate=None)
         self._layout = layout
         self._names = names
         self._pyramid = Pyramid(len(names), self._recall)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from host.batch import Batch, batches_of
@@ -20,16 +20,12 @@ MAX_EVENTS = 200
 
 
 class Feed:
-    """The ear of the pages at a recorder: frames in from its thread, messages out in the server's.
+    """The ear of the pages at a recorder: frames in from its thread, messages out in the server's."""
 
-    `wake` is called in the recorder's thread when there is something to take after nothing was.
-    """
-
-    def __init__(self, wake: Callable[[], None]) -> None:
+    def __init__(self) -> None:
         prepare_decoding()
         self.tables = Tables()
         self._told_events: deque[str] = deque(maxlen=MAX_EVENTS)
-        self._wake = wake
         self._lock = threading.Lock()
         self._arrivals: list[Arrival] = []
         self._new_events: list[Event] = []
@@ -45,16 +41,12 @@ class Feed:
     def hear(self, time_ns: int, data: bytes, arrivals: Sequence[Arrival]) -> None:
         """Called by the recorder for each read."""
         with self._lock:
-            is_first = not self._arrivals
             self._arrivals.extend(arrivals)
-        if is_first and arrivals:
-            self._wake()
 
     def notice(self, event: Event) -> None:
         """Called by the recorder for each event."""
         with self._lock:
             self._new_events.append(event)
-        self._wake()
 
     def take(self) -> list[str | bytes]:
         """The messages that everything since the last call makes."""

@@ -25,8 +25,8 @@ from host.stream import Arrival
 
 DEFAULT_ADDRESS = ("127.0.0.1", 8000)
 _EVERY_ADDRESS = ("0.0.0.0", "::")
-# Frames wait so long for others, so that a fast line costs no message for each.
-_GATHER_S = 0.04
+# The pages get what came in this time at once; a message for each frame, or a wake across threads, costs more.
+_GATHER_S = 0.07
 _STATUS_PERIOD_S = 0.25
 _MOST_REQUEST_BYTES = 1 << 16
 # It stands in an address and in a cookie as it is.
@@ -99,20 +99,13 @@ class Service:
 class Server:
     """The web server of one show, in the main thread's event loop.
 
-    `wake` may be called from any thread when there are messages to take, `stop` from a signal or a thread.
+    `stop` may be called from a signal or a thread.
     """
 
     def __init__(self) -> None:
         self._pages = Pages()
         self._uvicorn: uvicorn.Server | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._awake = asyncio.Event()
         self._stopped = False
-
-    def wake(self) -> None:
-        if self._loop is not None:
-            with contextlib.suppress(RuntimeError):  # The loop has ended.
-                self._loop.call_soon_threadsafe(self._awake.set)
 
     def stop(self) -> None:
         self._stopped = True
@@ -124,7 +117,6 @@ class Server:
         asyncio.run(self._serve(service))
 
     async def _serve(self, service: Service) -> None:
-        self._loop = asyncio.get_running_loop()
         config = uvicorn.Config(
             application(service.show, self._pages, Access(service.token)),
             log_level="error",
@@ -153,9 +145,7 @@ class Server:
 
     async def _tell(self, service: Service) -> None:
         while True:
-            await self._awake.wait()
             await asyncio.sleep(_GATHER_S)
-            self._awake.clear()
             for message in service.take():
                 self._pages.tell(message)
 
@@ -202,7 +192,7 @@ def serve_line(
     Raises UsageError as Recorder.run does, and when the address cannot be opened.
     """
     stopping = threading.Event()
-    feed = Feed(server.wake)
+    feed = Feed()
     recorder = Recorder(request, stopping.is_set, lambda: None, [feed])
     line = Line(request, recorder, feed)
     failures: list[BaseException] = []

@@ -17,7 +17,10 @@ WATCH = """() => {
     window.ages = [];
     navHost.link.hear = message => {
         hear(message);
-        if (message.kind === "rows") ages.push(performance.timeOrigin + performance.now() - message.heardNs / 1e6);
+        if (message.kind !== "rows") return;
+        // The first frame's age is known; the later ones are younger by the board's time, which runs as the host's.
+        const now = performance.timeOrigin + performance.now(), times = message.columns[0];
+        for (const time of times) ages.push(now - message.heardNs / 1e6 - 1000 * (time - times[0]));
     };
 }"""
 

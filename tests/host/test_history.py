@@ -12,7 +12,7 @@ import pytest
 
 from host import history as history_module
 from host.batch import batches_of
-from host.curves import JITTER, Columns
+from host.curves import Columns
 from host.errors import UsageError
 from host.history import History
 from host.live.logbook import Logbook
@@ -20,7 +20,7 @@ from host.log import Chunk, Kind, LogWriter
 from host.source import Recording, open_source
 from host.stream import Stream
 
-NAMES = (Columns.TIME, "sequence", "heading", "latitude", "solver_cycles", "flags: overrun", JITTER)
+NAMES = (Columns.TIME, "sequence", "heading", "latitude", "solver_cycles", "flags: overrun")
 START_NS = 1_790_000_000 * 10**9
 
 
@@ -118,10 +118,8 @@ def test_a_full_disk_costs_no_row_that_was_kept(log: Path, memory_bytes: int, mo
     assert 3000 < len(expected) < 6000
     kept = np.concatenate(expected, axis=1)
     assert kept[1, 400] == 400
-    # Angles are unwrapped by sums of turns; the jitter behind the gap reaches over it in one of both.
-    np.testing.assert_allclose(
-        np.concatenate(list(history.rows(-1.0, 1e9)), axis=1)[:-1], kept[:-1], rtol=0.0, atol=1e-9
-    )
+    # Angles are unwrapped by sums of turns.
+    np.testing.assert_allclose(np.concatenate(list(history.rows(-1.0, 1e9)), axis=1), kept, rtol=0.0, atol=1e-9)
 
 
 def test_a_full_disk_is_told(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:

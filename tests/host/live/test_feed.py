@@ -34,19 +34,17 @@ def fed(feed: Feed, stream: Stream, line: bytes, time_ns: int = 0) -> list[dict[
     return [read(message) for message in feed.take()]
 
 
-def test_the_server_is_woken_once_for_what_waits(kit: Any) -> None:
-    woken: list[int] = []
-    feed, stream, flight = Feed(lambda: woken.append(1)), Stream(), kit.Flight()
+def test_what_waits_is_taken_once(kit: Any) -> None:
+    feed, stream, flight = Feed(), Stream(), kit.Flight()
     for number in range(3):
         line = flight.line(1) if number == 0 else flight.frame(number)
         feed.hear(0, line, stream.feed(line, 0))
-    assert len(woken) == 1
     assert [message["kind"] for message in map(read, feed.take())] == ["layout", "rows"]
     assert feed.take() == []
 
 
 def test_rows_follow_their_layout_and_carry_when_they_were_heard(kit: Any) -> None:
-    feed, stream, flight = Feed(lambda: None), Stream(), kit.Flight()
+    feed, stream, flight = Feed(), Stream(), kit.Flight()
     layout, first = fed(feed, stream, flight.line(2), 1_000)
     (second,) = fed(feed, stream, flight.frame(2) + flight.frame(3), 2_000)
     assert layout["names"][:3] == ["", "sequence", "valid_time"]
@@ -57,7 +55,7 @@ def test_rows_follow_their_layout_and_carry_when_they_were_heard(kit: Any) -> No
 
 def test_a_heading_goes_on_over_north(kit: Any) -> None:
     """The flight turns by 3 deg/s from 350 deg."""
-    feed, stream, flight = Feed(lambda: None), Stream(), kit.Flight()
+    feed, stream, flight = Feed(), Stream(), kit.Flight()
     layout, *_ = fed(feed, stream, flight.line(1))
     at = layout["names"].index("heading")
     headings = [fed(feed, stream, flight.frame(number))[0]["columns"][at, 0] for number in range(1, 300)]
@@ -66,7 +64,7 @@ def test_a_heading_goes_on_over_north(kit: Any) -> None:
 
 
 def test_a_board_that_starts_again_is_the_same_table(kit: Any) -> None:
-    feed, stream, flight = Feed(lambda: None), Stream(), kit.Flight()
+    feed, stream, flight = Feed(), Stream(), kit.Flight()
     fed(feed, stream, flight.line(100))
     kinds = [message["kind"] for message in fed(feed, stream, flight.line(100))]
     assert kinds == ["rows"]
@@ -79,7 +77,7 @@ def test_what_the_log_holds_of_before_comes_first(tmp_path: Path, kit: Any) -> N
     """Whether the board went on or started again is not known: as in the log, another recording is another session."""
     path, flight = tmp_path / "before.raw", kit.Flight()
     path.write_bytes(flight.line(100))
-    feed, stream = Feed(lambda: None), Stream()
+    feed, stream = Feed(), Stream()
     feed.recall(open_source(path))
     (rows,) = fed(feed, stream, kit.descriptions() + flight.frame(200) + flight.frame(201))
     (table,) = feed.tables
@@ -94,7 +92,7 @@ def test_answers_and_events_become_messages(kit: Any) -> None:
     rows = tuple(
         kit.FieldRow(name, kind) for name, kind in (("commands", 3), ("command", 1), ("code", 1), ("damaged", 2))
     )
-    feed, stream = Feed(lambda: None), Stream()
+    feed, stream = Feed(), Stream()
     line = kit.descriptions(2, "answer", rows) + kit.frame(2, kit.payload(rows, {"commands": 1, "command": 129}))
     feed.notice(Event(5_000_000, Kind.MARK, "buoy"))
     messages = fed(feed, stream, line)
@@ -107,7 +105,7 @@ def test_answers_and_events_become_messages(kit: Any) -> None:
 def test_a_mark_stands_at_the_newest_frame_of_each_table(kit: Any) -> None:
     """A page that comes later draws it there too."""
     rows = (kit.FieldRow("oil", 1),)
-    feed, stream = Feed(lambda: None), Stream()
+    feed, stream = Feed(), Stream()
     fed(feed, stream, kit.Flight().line(50) + kit.descriptions(9, "engine", rows) + kit.frame(9, b"\1"))
     feed.notice(Event(1, Kind.MARK, "buoy"))
     feed.notice(Event(2, Kind.LOST, "unplugged"))
@@ -120,15 +118,13 @@ def test_a_mark_stands_at_the_newest_frame_of_each_table(kit: Any) -> None:
 def test_no_scale_makes_a_budget_that_is_no_number(kit: Any) -> None:
     scales = {"tick": 1e200, "deadline": 1e-200}
     rows = tuple(replace(row, scale=scales.get(row.name, row.scale)) for row in kit.NAVIGATION)
-    (layout, _) = fed(
-        Feed(lambda: None), Stream(), kit.descriptions(1, "navigation", rows) + kit.frame(1, kit.payload(rows, {}))
-    )
+    (layout, _) = fed(Feed(), Stream(), kit.descriptions(1, "navigation", rows) + kit.frame(1, kit.payload(rows, {})))
     assert {panel["limit"] for plan in layout["plans"] for panel in plan["panels"]} == {None}
 
 
 def test_a_field_may_be_called_time_and_be_none(kit: Any) -> None:
     rows = (kit.FieldRow("time", 2, 1.0, "ms"),)
-    feed, stream = Feed(lambda: None), Stream()
+    feed, stream = Feed(), Stream()
     line = kit.descriptions(9, "engine", rows) + kit.frame(9, kit.payload(rows, {"time": 250}))
     layout, message = fed(feed, stream, line, 5_000_000_000)
     assert layout["names"] == ["", "time"]
@@ -152,7 +148,7 @@ some_payloads = st.lists(st.binary(min_size=32, max_size=40), min_size=1, max_si
 def test_any_described_frame_makes_valid_messages(kit: Any, rows: Any, payloads: list[bytes], points: int) -> None:
     singles_are_quantities = [(*row[:4], 0, row[5]) if row[1] == 5 else row for row in rows]
     described = tuple(kit.FieldRow(*row) for row in singles_are_quantities)
-    feed, stream = Feed(lambda: None), Stream()
+    feed, stream = Feed(), Stream()
     messages = fed(feed, stream, kit.descriptions(7, "any", described))
     for number, payload in enumerate(payloads):
         messages += fed(feed, stream, kit.frame(7, payload), number)
@@ -169,7 +165,7 @@ def test_a_clock_that_begins_again_goes_on(kit: Any) -> None:
     rows = (kit.FieldRow("stopwatch", 1, 0.5, "s"),)
     frames = [kit.frame(3, kit.payload(rows, {"stopwatch": 100 * number % 256})) for number in range(8)]
     for pieces in (frames, [b"".join(frames)]):
-        feed, stream = Feed(lambda: None), Stream()
+        feed, stream = Feed(), Stream()
         fed(feed, stream, kit.descriptions(3, "event", rows))
         times = [
             time
