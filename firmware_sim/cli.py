@@ -10,6 +10,7 @@ import argparse
 import functools
 import signal
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -71,13 +72,28 @@ class _EndedError(KeyboardInterrupt):
 
 _ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
 _ends: list[_EndedError] = []
+_LLVM = str(Path("llvmlite", "binding"))
+_MOMENT_S = 0.02
 
 
-def _end(number: int, _frame: FrameType | None) -> None:
+def _end(number: int, frame: FrameType | None) -> None:
     """End the command, once: a second signal must not interrupt the cleaning up."""
-    if not _ends:
-        _ends.append(_EndedError(number))
-        raise _ends[0]
+    if _ends:
+        return
+    if _is_in_llvm(frame):
+        # What is raised while LLVM calls back is lost, and what it leaves undone may crash: a moment later is as good.
+        threading.Timer(_MOMENT_S, signal.pthread_kill, (threading.get_ident(), number)).start()
+        return
+    _ends.append(_EndedError(number))
+    raise _ends[0]
+
+
+def _is_in_llvm(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if _LLVM in frame.f_code.co_filename:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _report_unraisable(lost: sys.UnraisableHookArgs) -> None:

@@ -11,6 +11,7 @@ import os
 import shutil
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -84,9 +85,25 @@ def _handling(handler: Callable[[int, FrameType | None], None]) -> Iterator[None
 _interrupts: list[int] = []
 
 
-def _interrupt(number: int, _frame: FrameType | None) -> None:
+_LLVM = str(Path("llvmlite", "binding"))
+_MOMENT_S = 0.02
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    if _is_in_llvm(frame):
+        # What is raised while LLVM calls back is lost, and what it leaves undone may crash: a moment later is as good.
+        threading.Timer(_MOMENT_S, signal.pthread_kill, (threading.get_ident(), number)).start()
+        return
     _interrupts.append(number)
     raise KeyboardInterrupt
+
+
+def _is_in_llvm(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if _LLVM in frame.f_code.co_filename:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _say(text: str, end: str = "\n") -> None:

@@ -193,6 +193,22 @@ def test_an_interrupt_that_is_lost_while_numba_compiles_is_none_the_less_one(cap
     assert status_and_sentence(capsys, "run", "static", *SHORT) == (130, "firmware-sim: interrupted\n")
 
 
+def test_an_interrupt_while_llvm_calls_back_waits_for_its_return(capsys, monkeypatch):
+    """An exception that goes through compiled code is lost, and may crash it."""
+    scope = {}
+    exec(compile("def call(back):\n    back()", "site-packages/llvmlite/binding/executionengine.py", "exec"), scope)
+    returned = []
+
+    def compiling(*_, **__):
+        scope["call"](lambda: signal.raise_signal(signal.SIGINT))
+        returned.append(True)
+        time.sleep(PATIENCE_S)
+
+    monkeypatch.setattr("firmware_sim.bench.run", compiling)
+    assert status_and_sentence(capsys, "run", "static", *SHORT) == (130, "firmware-sim: interrupted\n")
+    assert returned == [True]
+
+
 def test_a_live_link_is_refused_and_its_board_goes_on(capsys, tmp_path):
     link = tmp_path / "line"
     with start("run", "static", "--engine", "double", "--rt", 1, "--pty", link) as process:

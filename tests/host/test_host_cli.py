@@ -159,6 +159,25 @@ def test_an_interrupt_that_is_lost_while_numba_compiles_is_none_the_less_one(
     assert capsys.readouterr().err == "nav-host: interrupted\n"
 
 
+def test_an_interrupt_while_llvm_calls_back_waits_for_its_return(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An exception that goes through compiled code is lost, and may crash it."""
+    scope: dict[str, Any] = {}
+    exec(compile("def call(back):\n    back()", "site-packages/llvmlite/binding/executionengine.py", "exec"), scope)
+    returned = []
+
+    def compiling(*_: object) -> None:
+        scope["call"](lambda: signal.raise_signal(signal.SIGINT))
+        returned.append(True)
+        time.sleep(PATIENCE_S)
+
+    monkeypatch.setattr("host.analysis.survey", compiling)
+    assert main(["stats", str(place / "line")]) == 130
+    assert capsys.readouterr().err == "nav-host: interrupted\n"
+    assert returned == [True]
+
+
 def test_the_handlers_of_the_caller_come_back(place: Path) -> None:
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     assert main(["stats", str(place / "none")]) == 2
