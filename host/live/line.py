@@ -7,9 +7,8 @@ from pathlib import Path
 from host import commands
 from host.live import messages, requests
 from host.live.feed import Feed
-from host.live.tables import Tables
+from host.live.tables import Tables, status_message
 from host.record import Recorder, Request
-from host.schema import DESCRIPTION_TYPE
 from host.source import utc_text
 
 # Over so many seconds the rate of bytes is taken.
@@ -38,25 +37,16 @@ class Line:
 
     def status(self) -> str:
         """The message that says how the line is."""
-        recorder, stream = self._recorder, self._recorder.stream
-        counts = stream.frames.copy()
-        described = counts.pop(DESCRIPTION_TYPE, 0)
-        return messages.text(
-            "status",
+        recorder = self._recorder
+        return status_message(
+            recorder.stream,
+            self.tables,
             connected=recorder.connected,
             # The recording goes on when its curves cannot be kept.
             trouble=recorder.trouble or self.tables.failure,
-            elapsedS=round(recorder.elapsed_s, 3),
-            frames=sum(counts.values()),
-            descriptions=described,
-            lost=stream.lost,
-            damaged=stream.decoder.damaged,
-            skipped=stream.decoder.skipped_bytes,
-            bytes=stream.bytes,
-            bytesPerS=round(self._rate.of(recorder.elapsed_s, stream.bytes)),
-            silentS=round(recorder.silent_s, 3),
-            sessions=len(stream.sessions),
-            sessionStarts=[start for table in self.tables for start in table.session_starts],
+            elapsed_s=recorder.elapsed_s,
+            silent_s=recorder.silent_s,
+            bytes_per_s=self._rate.of(recorder.elapsed_s, recorder.stream.bytes),
         )
 
     def obey(self, request: requests.Mark | requests.Command) -> None:

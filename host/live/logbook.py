@@ -10,9 +10,8 @@ from host.batch import Batch
 from host.errors import UsageError
 from host.live import messages, requests
 from host.live.feed import event_message
-from host.live.tables import Floats, Table, Tables, layout_message
+from host.live.tables import Floats, Table, Tables, layout_message, status_message
 from host.log import Kind
-from host.schema import DESCRIPTION_TYPE
 from host.source import Recording, Source
 
 
@@ -62,25 +61,10 @@ class Logbook:
 
     def status(self) -> str:
         """The message that says what the log holds."""
-        recording, stream = self._recording, self._recording.stream
-        described = stream.frames[DESCRIPTION_TYPE]
+        recording = self._recording
         first_ns, last_ns = recording.first_ns, recording.last_ns
-        return messages.text(
-            "status",
-            connected=False,
-            trouble=self._damage(),
-            elapsedS=0.0 if first_ns is None or last_ns is None else (last_ns - first_ns) * 1e-9,
-            frames=stream.frames.total() - described,
-            descriptions=described,
-            lost=stream.lost,
-            damaged=stream.decoder.damaged,
-            skipped=stream.decoder.skipped_bytes,
-            bytes=stream.bytes,
-            bytesPerS=0,
-            silentS=0.0,
-            sessions=len(stream.sessions),
-            sessionStarts=[start for table in self._tables for start in table.session_starts],
-        )
+        elapsed_s = 0.0 if first_ns is None or last_ns is None else (last_ns - first_ns) * 1e-9
+        return status_message(recording.stream, self._tables, trouble=self._damage(), elapsed_s=elapsed_s)
 
     def _damage(self) -> str:
         damages = self._recording.damages

@@ -12,7 +12,8 @@ from host.batch import Batch
 from host.curves import Columns, Plan, described_plan, is_navigation, navigation_plans, time_field
 from host.history import History
 from host.live import messages
-from host.schema import Field, Kind, Layout
+from host.schema import DESCRIPTION_TYPE, Field, Kind, Layout
+from host.stream import Stream
 
 Floats = NDArray[np.float64]
 
@@ -162,3 +163,35 @@ def _name_of(field: Field | None) -> str | None:
 
 def layout_message(table: Table) -> str:
     return messages.text("layout", **table.described())
+
+
+def status_message(
+    stream: Stream,
+    tables: Tables,
+    *,
+    trouble: str,
+    elapsed_s: float,
+    connected: bool = False,
+    silent_s: float = 0.0,
+    bytes_per_s: float = 0.0,
+) -> str:
+    """The message that says how a line is, or what a log holds."""
+    # A recorder counts on in its own thread meanwhile.
+    counts = stream.frames.copy()
+    described = counts.pop(DESCRIPTION_TYPE, 0)
+    return messages.text(
+        "status",
+        connected=connected,
+        trouble=trouble,
+        elapsedS=round(elapsed_s, 3),
+        frames=sum(counts.values()),
+        descriptions=described,
+        lost=stream.lost,
+        damaged=stream.decoder.damaged,
+        skipped=stream.decoder.skipped_bytes,
+        bytes=stream.bytes,
+        bytesPerS=round(bytes_per_s),
+        silentS=round(silent_s, 3),
+        sessions=len(stream.sessions),
+        sessionStarts=[start for table in tables for start in table.session_starts],
+    )
