@@ -22,7 +22,7 @@ _TOKEN: Final = re.compile(
     | (?P<octal>[0-7]+[qQ]\b)
     | (?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)
     | (?P<decimal>\d+)
-    | (?P<character>'(?:[^']|'')+')
+    | (?P<character>'(?:[^']|'')*')
     | (?P<name>{NAME})
     | (?P<operator><<|>>|<=|>=|==|!=|&&|\|\||[-+*/%<>=&^|~!(),])
     )""",
@@ -255,8 +255,8 @@ def _number(kind: str, token: str) -> int | float:
 
 
 def _characters(token: str) -> int:
-    """One to four characters as an integer, the first in the low byte; '' stands for one apostrophe."""
+    """Up to four characters as an integer, the first in the low byte; '' stands for one apostrophe."""
     text = token[1:-1].replace("''", "'")
     if len(text) > 4:
-        raise OperandError(f"one to four characters were expected, found {token}")
+        raise OperandError(f"at most four characters were expected, found {token}")
     return wrapped(int.from_bytes(text.encode("latin-1", "replace"), "little"))

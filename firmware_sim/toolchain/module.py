@@ -61,6 +61,7 @@ class Module:
             ".bes": self._space,
             ".fill": self._fill,
             ".align": self._align,
+            ".even": lambda line, fields: self._align(line, Fields(fields.label, fields.operation, "2")),
             ".newblock": lambda line, fields: self.new_local_block(),
             ".emsg": self._emsg,
             ".struct": lambda line, fields: self._struct(line, fields, is_union=False),
@@ -328,7 +329,7 @@ class Module:
             layout = self._structures.layouts.get(_operands(fields, 1, "the name of a structure")[0])
             unit = layout.size if layout else self._size(operands[0])
             operands = operands[1:]
-        elif operation in (*DIRECTIVES, ".space"):
+        elif operation in (*DIRECTIVES, *PACKED, ".space"):
             unit = words_per_item(operation)
         else:
             raise SourceError(f"a member of a structure was expected, found {fields.operation}", fields.operation)

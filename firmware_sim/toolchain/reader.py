@@ -6,6 +6,7 @@ as they are written. The reader hands every other line to its owner.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from firmware_sim.errors import UsageError
 from firmware_sim.toolchain.diagnostics import ErrorLog, SourceError, SourceLine
 from firmware_sim.toolchain.functions import NAME
 from firmware_sim.toolchain.lexer import Fields, split_fields, split_operands, unquote, without_comment
+from firmware_sim.toolchain.macro_library import read_library
 from firmware_sim.toolchain.substitution import Substitutions, with_unique_labels, without_forced
 
 _DEFAULT_LOOPS: Final = 1024
@@ -82,6 +84,7 @@ class SourceReader:
         self._errors = errors
         self._include_folders = include_folders
         self._macros: dict[str, _Macro] = {}
+        self._library: dict[str, list[SourceLine]] = {}  # macros that were not called yet, by names in small letters
         self._substitutions = Substitutions(owner.is_defined)
         self._expansions = 0
         self._macro_depth = 0
@@ -104,7 +107,7 @@ class SourceReader:
 
     def read(self, name: str, text: str, path: Path | None = None) -> None:
         """Read a whole source, up to .end; ``path`` is that of its file, if it is one."""
-        lines = [SourceLine(name, number, line.rstrip("\r")) for number, line in enumerate(text.split("\n"), 1)]
+        lines = _lines(name, text)
         self._files += [path.resolve()] if path else []
         try:
             self._read_lines(lines)
@@ -129,7 +132,8 @@ class SourceReader:
         return line if expanded == code else SourceLine(line.file, line.number, expanded)
 
     def _is_operation(self, name: str) -> bool:
-        return name.startswith(".") or name in self._macros or self._owner.is_instruction(name)
+        is_macro = name in self._macros or name.lower() in self._library
+        return is_macro or name.startswith(".") or self._owner.is_instruction(name)
 
     def _read_lines(self, lines: Sequence[SourceLine]) -> None:
         index = 0
@@ -179,7 +183,7 @@ class SourceReader:
         else:
             line = self._expanded(line)
             fields = self._fields(line)
-            macro = self._macros.get(fields.operation)
+            macro = self._macro(fields.operation)
             if macro is None:
                 self._owner.statement(line, fields)
             else:
@@ -227,6 +231,14 @@ class SourceReader:
                 raise SourceError(f"the name of a parameter was expected, found {name or 'nothing'}", name)
         self._macros[fields.label] = _Macro(fields.label, parameters, body)
 
+    def _macro(self, name: str) -> _Macro | None:
+        """The macro of this name. One that a library holds is defined now, in the place of an earlier one."""
+        source = self._library.pop(name.lower(), None)
+        if source is not None:
+            with contextlib.suppress(_EndOfSource):
+                self._read_lines(source)
+        return self._macros.get(name)
+
     def _expand(self, line: SourceLine, fields: Fields, macro: _Macro) -> None:
         if fields.label:
             self._owner.label(line, fields.label)
@@ -267,23 +279,34 @@ class SourceReader:
             self._substitutions.declare(name)
 
     def _include(self, line: SourceLine, fields: Fields) -> None:
-        name = unquote(fields.operands)
-        here = self._files[-1].parent if self._files else Path()
-        alone = re.split(r"[\\/]", name)[-1]  # folders of another machine, as in C:\TOOLS\X.EQU, may be left out
-        found = (_find(folder, text) for text in (name, alone) for folder in (here, *self._include_folders))
-        path = next((path for path in found if path is not None), None)
-        if path is None:
-            raise SourceError(f"a file to include was expected, found no {name}", name)
+        path = self._file(fields, "a file to include")
         if path.resolve() in self._files:
+            name = unquote(fields.operands)
             raise SourceError(f"a file that does not include itself was expected, found {name}", name)
         self._owner.new_local_block()
         self.read(str(path), read_source(path), path)
         self._owner.new_local_block()
 
     def _mlib(self, line: SourceLine, fields: Fields) -> None:
-        raise SourceError(
-            "macros from a file of .include were expected, found a library of them (.mlib)", fields.operation
-        )
+        path = self._file(fields, "a macro library")
+        for name, text in read_library(path).items():
+            self._library[name] = _lines(f"{path}({name}.asm)", text)
+
+    def _file(self, fields: Fields, what: str) -> Path:
+        """The file that a directive names: beside the file that is read, or in the folders given."""
+        name = unquote(fields.operands)
+        here = self._files[-1].parent if self._files else Path()
+        alone = re.split(r"[\\/]", name)[-1]  # folders of another machine, as in C:\TOOLS\X.EQU, may be left out
+        found = (_find(folder, text) for text in (name, alone) for folder in (here, *self._include_folders))
+        path = next((path for path in found if path is not None), None)
+        if path is None:
+            raise SourceError(f"{what} was expected, found no {name}", name)
+        return path
+
+
+def _lines(name: str, text: str) -> list[SourceLine]:
+    """The lines of a source that is called ``name``."""
+    return [SourceLine(name, number, line.rstrip("\r")) for number, line in enumerate(text.split("\n"), 1)]
 
 
 def _find(folder: Path, name: str) -> Path | None:

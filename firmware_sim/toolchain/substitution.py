@@ -60,10 +60,15 @@ class Substitutions:
         first, _, second = (part.strip() for part in match[2].partition(","))
         if name == "ismember":
             return str(self._take_member(first, second))
-        texts = [unquote(self._replace(text)) for text in (first, second)]
+        texts = [self._argument(text) for text in (first, second)]
         if name == "isdefed":
             return str(int(self._is_defined(unquote(texts[0]))))
         return str(TEXT_FUNCTIONS[name](texts[0], texts[1]))
+
+    def _argument(self, text: str) -> str:
+        """What an argument of a function says: a text in quotation marks without them, a symbol its text as it is."""
+        replaced = self._replace(text)
+        return unquote(replaced) if text.startswith('"') else replaced
 
     def _take_member(self, name: str, of: str) -> int:
         """Let ``name`` stand for the first item of the list that ``of`` stands for, and ``of`` for the others.

@@ -14,16 +14,15 @@ from firmware_sim.toolchain.expressions import ABSOLUTE, UNKNOWN, Value, evaluat
 from firmware_sim.toolchain.sections import Part
 
 PREDEFINED: Final = {
-    ".TMS320C30": 1,
-    ".TMS320C31": 0,
-    ".TMS320C32": 1,
-    ".TMS320C40": 0,
-    ".TMS320C44": 0,
-    ".TMS320xx": 32,
-    ".BIGMODEL": 0,
-    ".REGPARM": 0,
+    **dict.fromkeys((".C3X", ".C32", ".TMS320C30", ".TMS320C32", ".MEMPARM"), 1),
+    **dict.fromkeys((".C30", ".C31", ".C33", ".C4X", ".C40", ".C44", ".REGPARM", ".BIGMODEL", ".C30INTERRUPT"), 0),
+    **dict.fromkeys((".TMS320C31", ".TMS320C33", ".TMS320C40", ".TMS320C44", ".TMX320C40"), 0),
+    ".TMS320XX": 32,
 }
-"""Constants that sources for the whole family ask for. .TMS320C30 is 1: to older code it means any 'C3x."""
+"""Constants that sources for the whole family ask for, in any case of letters; here in capitals.
+
+.C30 to .C44 name one processor; .TMS320C30 is older and names the family, so it is 1.
+"""
 
 _LOCAL: Final = re.compile(r"\$\d+|.*\?")
 _DEEPEST: Final = 100
@@ -157,8 +156,8 @@ class Context:
             return program.globals[name]
         if name in program.given:
             return Value(program.given[name])
-        if name in PREDEFINED:
-            return Value(PREDEFINED[name])
+        if name.upper() in PREDEFINED:
+            return Value(PREDEFINED[name.upper()])
         if isinstance(meaning, Register) or name.upper() in REGISTER_CODES:
             raise OperandError(f"a number or an address was expected, found register {name}")
         if program.is_placed and not program.is_complete and name in self.symbols.exported:

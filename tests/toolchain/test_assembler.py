@@ -85,6 +85,20 @@ def test_parallel_in_every_layout() -> None:
         same(source, plain)
 
 
+def test_the_processor_is_known_by_name_in_any_case() -> None:
+    """Each of these stands for 1, or for 0; what names the family holds for this member of it."""
+    assert text(" .word .C3X,.c3x,.C32,.tms320C32,.TMS320C30,.MEMPARM") == [1] * 6
+    assert text(" .word .C30,.c31,.C4X,.tms320C40,.regparm,.BigModel") == [0] * 6
+    assert text(" .word .TMS320xx") == [32]
+
+
+def test_align_and_even() -> None:
+    same(
+        " IDLE\n .even\n IDLE\n .even\nx .even\n BR x\n .align 4\n IDLE",
+        " IDLE\n NOP\n IDLE\n NOP\n BR 4\n NOP\n NOP\n NOP\n IDLE",
+    )
+
+
 def test_compiler_output() -> None:
     """What a C compiler writes: debug directives, FP as a second name of AR3, underscores, .bss and .cinit."""
     image = assemble(

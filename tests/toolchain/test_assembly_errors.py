@@ -36,7 +36,7 @@ from firmware_sim.toolchain.diagnostics import AssemblyError
         (" .ldouble 1e39", "1:11", "a number within the range of extended floats was expected"),
         (" .ieee 1e300", "1:8", "a number within the range of IEEE singles was expected"),
         (" .foo 1", "1:2", "a directive was expected, found .foo"),
-        (' .mlib "x.lib"', "1:2", "macros from a file of .include were expected, found a library of them (.mlib)"),
+        (' .mlib "x.lib"', "1:9", "a macro library was expected, found no x.lib"),
         (" .include none.equ", "1:11", "a file to include was expected, found no none.equ"),
         (" .if 1\n NOP", "1:2", ".endif was expected, found the end of the source"),
         (" NOP\n .endif", "2:2", ".if was expected before .endif"),

@@ -39,6 +39,7 @@ def lookup(name: str) -> Value:
         ("'A'", 0x41),
         ("'AB'", 0x4241),
         ("''''", 0x27),
+        ("''", 0),
         ("1.5", 1.5),
         ("1.", 1.0),
         (".25", 0.25),
@@ -94,7 +95,7 @@ def test_an_address_and_a_constant_make_an_address() -> None:
         ("1%0", "a divisor other than 0"),
         ("1.5&1", "an integer was expected"),
         ("100000000h", "a constant of 32 bits"),
-        ("'ABCDE'", "one to four characters"),
+        ("'ABCDE'", "at most four characters"),
         ("?", "a number, a name or an operator was expected"),
     ],
 )

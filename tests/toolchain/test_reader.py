@@ -84,6 +84,11 @@ def words(source: str) -> list[int]:
             id="text with commas",
         ),
         pytest.param(
+            'm .macro a\n .word $symlen(a),$symcmp(a,"""hi""")\n .byte a\n .endm\n m """hi"""\n',
+            ' .word 4,0\n .byte "hi"',
+            id="an argument that is a text with its quotation marks",
+        ),
+        pytest.param(
             "outer .macro n\n:n: .macro\n LDI 3,R0\n .endm\n .endm\n outer load\n load\n",
             " LDI 3,R0",
             id="macro of macros",

@@ -22,6 +22,7 @@ def words(source: str, **options: object) -> list[int]:
         ),
         pytest.param("s .struct 4\na .int\nb .int\n .endstruct\n .word s.a,s.b\n", [4, 5], id="first offset"),
         pytest.param(" .struct\na .int\nb .int\n .endstruct\n .word a,b\n", [0, 1], id="no name"),
+        pytest.param("s .struct\na .string\nb .string 3\nn .endstruct\n .word s.b,n\n", [1, 4], id="strings"),
         pytest.param("u .union\na .int\nb .float 3\nn .endunion\n .word u.a,u.b,n\n", [0, 0, 3], id="union"),
         pytest.param(
             POINT + "line .struct\nid .int\nfrom .tag point\nto .tag point,2\nlast .int\n .endstruct\n"
