@@ -216,7 +216,9 @@ class Module:
         self.listed.append((line, None))
 
     def _size(self, text: str) -> int:
-        size = self._context().constant(text)
+        """How many words ``text`` says; the name of a register is its number, as in TI's table of symbols."""
+        register = self._context().register(text)
+        size = self._context().constant(text) if register is None else register
         if not 0 <= size <= MEMORY_WORDS:
             raise SourceError(f"a size from 0 to {MEMORY_WORDS} was expected, found {text}", text)
         return size

@@ -182,7 +182,7 @@ class SourceReader:
             raise SourceError(f"{_STRAYS[directive]} was expected before {directive}", directive)
         else:
             line = self._expanded(line)
-            fields = self._fields(line)
+            fields = self._fields(line, is_substituted=False)
             macro = self._macro(fields.operation)
             if macro is None:
                 self._owner.statement(line, fields)

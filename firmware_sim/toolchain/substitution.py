@@ -15,8 +15,9 @@ from firmware_sim.toolchain.functions import TEXT_FUNCTIONS
 from firmware_sim.toolchain.lexer import unquote
 
 _LONGEST: Final = 10_000
+_KEPT: Final = "\0"  # marks a name that is not replaced again; a line of a source holds none
 _FORCED: Final = re.compile(r":([A-Za-z_]\w*)(?:\((\d+)(?:,(\d+))?\))?:")
-_PIECE: Final = re.compile(r""""[^"]*"|'[^']*'|(?<![\w.$])[A-Za-z_.$][\w.$]*""")
+_PIECE: Final = re.compile(r""""[^"]*"|'[^']*'|(?<![\w.$\0])[A-Za-z_.$][\w.$]*""")
 _CALL: Final = re.compile(rf"\$({'|'.join((*TEXT_FUNCTIONS, 'isdefed', 'ismember'))})\(([^()]*)\)", re.IGNORECASE)
 _UNIQUE: Final = re.compile(r""""[^"]*"|(?<![\w.$])(?P<label>[A-Za-z_][\w.$]*)\?""")
 
@@ -52,7 +53,9 @@ class Substitutions:
 
     def _replace(self, text: str) -> str:
         table = {name: value for frame in self._frames for name, value in frame.items()}
-        return _replaced(_FORCED.sub(lambda match: _forced(match, table), text), table) if table else text
+        if not table:
+            return text
+        return _replaced(_FORCED.sub(lambda match: _forced(match, table), text), table).replace(_KEPT, "")
 
     def _call(self, match: re.Match[str]) -> str:
         """The value of a function: a symbol among its arguments stands for its text, commas and all."""
@@ -85,14 +88,19 @@ class Substitutions:
 
 
 def _forced(match: re.Match[str], table: Mapping[str, str]) -> str:
+    """What ``:name:`` stands for; its words are left to ``_replaced``, which leaves strings alone."""
     name, first, count = match.groups()
     if name not in table:
         return match[0]
-    text = _replaced(table[name], {other: value for other, value in table.items() if other != name})
-    if first is None:
-        return text
-    start = int(first) - 1
-    return text[start : start + int(count or 1)]
+    passed = {name}
+    while table[name] in table and table[name] not in passed:
+        name = table[name]
+        passed.add(name)
+    text = table[name]
+    if first is not None:
+        start = int(first) - 1
+        text = text[start : start + int(count or 1)]
+    return re.sub(rf"(?<![\w.$])(?=(?:{'|'.join(map(re.escape, passed))})(?![\w.$]))", _KEPT, text)
 
 
 def _replaced(text: str, table: Mapping[str, str]) -> str:

@@ -302,6 +302,12 @@ def test_a_label_in_an_empty_section_is_a_plain_number() -> None:
     assert read_coff(write_coff(image), "image").symbols["start"].value == image.symbols["start"].value
 
 
+def test_a_register_as_a_size_is_its_number() -> None:
+    source = " .bss before,R2\n .bss none,R0\n .bss after,1\n .word before,none,after\n"
+    image = assemble(source, addresses={".bss": 64})
+    assert image.sections[".text"].words == [64, 66, 66]
+
+
 def test_names_given_from_outside() -> None:
     assert text(" CALL _ext\n .if DEBUG\n NOP\n .endif\n", defines={"_ext": 0x4000, "DEBUG": 0}) == [0x6200_4000]
 

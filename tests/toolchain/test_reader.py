@@ -38,6 +38,14 @@ def words(source: str) -> list[int]:
         ),
         pytest.param('s .macro t\n .byte ":t:"\n .endm\n s ab\n', ' .byte "ab"', id="forced inside a string"),
         pytest.param(
+            's .macro t,X\n .byte ":t:",X\n .endm\n s "AXIS X",7\n', ' .byte "AXIS X",7', id="names in a string stay"
+        ),
+        pytest.param(
+            "m .macro a\n .word :a:,a\n .endm\na .set 5\n m a+1\n",
+            " .word 6,6",
+            id="an argument may hold the name of its parameter",
+        ),
+        pytest.param(
             ' .asg "abcd",t\n .byte ":t(2):",":t(2,3):"\n', ' .byte "b","bcd"', id="characters of a substitution"
         ),
         pytest.param(
