@@ -66,7 +66,7 @@ def add_commands(commands: Any) -> None:
     debug.set_defaults(command=_debug)
     debug.add_argument("image", metavar="IMAGE.out")
     debug.add_argument("--board", metavar="FILE.toml", help="board file (docs/board.md); without it the default board")
-    dis = commands.add_parser("dis", help="disassemble an image", description="Print the instructions of an image.")
+    dis = commands.add_parser("dis", help="disassemble an image", description="Print an image as a source.")
     dis.set_defaults(command=_dis)
     dis.add_argument("image", metavar="IMAGE.out")
 
@@ -238,9 +238,9 @@ def _folder(name: str) -> Path:
 
 
 def _dis(options: argparse.Namespace) -> int:
-    from firmware_sim.toolchain.listing import listing
+    from firmware_sim.toolchain.disassembly import disassembly
 
-    show(listing(read_image(options.image)))
+    show(disassembly(read_image(options.image)))
     return FINE
 
 

@@ -107,7 +107,7 @@ def test_a_part_of_a_program_can_be_assembled_alone(capsys: pytest.CaptureFixtur
 def test_dis_prints_the_instructions(capsys: pytest.CaptureFixture[str], image: Path) -> None:
     assert cli.main(["dis", str(image)]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["000040", "08600005", "1", "LDI", "5,R0"] in rows
+    assert ["LDI", "5,R0", ";", "000040", "08600005", "1"] in rows
 
 
 def test_errors_of_a_source_name_their_places(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -90,8 +90,13 @@ class Symbols:
         return name in self.meanings
 
 
+def is_local(name: str) -> bool:
+    """Whether ``name`` is a local label's, such as ``$1`` or ``loop?``."""
+    return _LOCAL.fullmatch(name) is not None
+
+
 def _key(name: str, local_block: int) -> str:
-    return f"{name}#{local_block}" if _LOCAL.fullmatch(name) else name
+    return f"{name}#{local_block}" if is_local(name) else name
 
 
 @dataclass(frozen=True)

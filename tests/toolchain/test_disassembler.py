@@ -11,8 +11,6 @@ import pytest
 from firmware_sim.c3x import isa
 from firmware_sim.toolchain.assembler import assemble
 from firmware_sim.toolchain.disassembler import disassemble
-from firmware_sim.toolchain.image import Image, Section, SectionKind
-from firmware_sim.toolchain.listing import listing
 
 FIXTURE = Path(__file__).parents[2] / "fixtures" / "toolchain" / "encodings.csv"
 
@@ -72,24 +70,3 @@ def test_a_pair_of_registers_comes_back_as_the_first_of_its_encodings() -> None:
     (word,) = assemble(" " + text).sections[".text"].words
     assert disassemble(word) == text
     assert word >> 24 & 3 == 0
-
-
-def test_a_listing_shows_address_word_cycles_and_source() -> None:
-    lines = listing(assemble("start LDI 1,R0\n BNZ start ; back\n* end\n .word 1,2\n")).splitlines()
-    assert lines[0].split() == ["address", "word", "cycles", "source"]
-    assert lines[1:6] == [
-        "000000   08600001 1       start LDI 1,R0",
-        "000001   6A06FFFE 4        BNZ start ; back",
-        "                          * end",
-        "000002   00000001          .word 1,2",
-        "000003   00000002",
-    ]
-
-
-def test_a_listing_of_an_image_without_source_is_disassembled() -> None:
-    image = Image({".text": Section(".text", 0x40, [0x0C80_0000, 0x6A00_FFFE], SectionKind.TEXT)})
-    assert listing(image).splitlines()[1:] == [
-        "                          .text",
-        "000040   0C800000 1       NOP",
-        "000041   6A00FFFE 4       BU 40h",
-    ]

@@ -1,0 +1,18 @@
+"""What was assembled, beside its source."""
+
+from __future__ import annotations
+
+from firmware_sim.toolchain.assembler import assemble
+from firmware_sim.toolchain.listing import listing
+
+
+def test_a_listing_shows_address_word_cycles_and_source() -> None:
+    lines = listing(assemble("start LDI 1,R0\n BNZ start ; back\n* end\n .word 1,2\n")).splitlines()
+    assert lines[0].split() == ["address", "word", "cycles", "source"]
+    assert lines[1:6] == [
+        "000000   08600001 1       start LDI 1,R0",
+        "000001   6A06FFFE 4        BNZ start ; back",
+        "                          * end",
+        "000002   00000001          .word 1,2",
+        "000003   00000002",
+    ]
