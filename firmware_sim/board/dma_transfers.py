@@ -22,7 +22,7 @@ from firmware_sim.board.dma import (
 )
 from firmware_sim.board.interrupts import BITS, request
 from firmware_sim.board.machine import Machine
-from firmware_sim.c3x.interpreter import INTERRUPT_SOURCES
+from firmware_sim.c3x.interrupts import INTERRUPT_SOURCES
 from firmware_sim.c3x.machine import IE, IF, ON_CHIP, PAGE_BITS, locate, store_word
 from firmware_sim.jit import jit
 

@@ -30,7 +30,7 @@ from firmware_sim.board.watchdog import watchdog_bites
 from firmware_sim.board.waveform import Waveform, record, waveform_is_full
 from firmware_sim.c3x.addressing import ADDRESS_MASK
 from firmware_sim.c3x.decoding import BREAKPOINT, RETURN_FROM_INTERRUPT
-from firmware_sim.c3x.interpreter import INTERRUPT_CYCLES, INTERRUPT_SOURCES
+from firmware_sim.c3x.interrupts import INTERRUPT_CYCLES, INTERRUPT_SOURCES
 from firmware_sim.c3x.machine import IE, IF, SP, ST, ST_GIE, Reason, locate
 from firmware_sim.jit import jit
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_sim.board.interrupts import SOURCES
-from firmware_sim.c3x.interpreter import INTERRUPT_CYCLES
+from firmware_sim.c3x.interrupts import INTERRUPT_CYCLES
 from firmware_sim.jit import jit
 
 BIT, REQUESTED, STARTED, ENDED, EXECUTION = range(5)

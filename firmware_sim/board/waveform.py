@@ -15,7 +15,7 @@ from firmware_sim.board.board import Circuit
 from firmware_sim.board.interrupts import BITS
 from firmware_sim.board.machine import Machine
 from firmware_sim.board.uart import UART, uart_bits, uart_level
-from firmware_sim.c3x.interpreter import INTERRUPT_SOURCES
+from firmware_sim.c3x.interrupts import INTERRUPT_SOURCES
 from firmware_sim.c3x.machine import IE, IF
 from firmware_sim.jit import jit
 

@@ -37,12 +37,20 @@ from firmware_sim.c3x.decoding import (
     UNDECODED,
     UNDEFINED,
 )
-from firmware_sim.c3x.floats import REGISTER_MASK, ST_N, ST_UF, ST_V, ST_Z, add_flagged, mul_flagged
+from firmware_sim.c3x.filter_loop import load_two, multiply_and_add, repeat_multiply_add
+from firmware_sim.c3x.floats import REGISTER_MASK
+from firmware_sim.c3x.interrupts import (
+    FIRST_TRAP,
+    INTERRUPT_CYCLES,
+    enter_service,
+    note_gate,
+    pending_requests,
+    vector,
+    vector_address,
+)
 from firmware_sim.c3x.isa import OPERATION_INDEX
 from firmware_sim.c3x.machine import (
     BK,
-    IE,
-    IF,
     LOAD,
     LOADED,
     NO_TRANSFER,
@@ -50,10 +58,8 @@ from firmware_sim.c3x.machine import (
     RC,
     RE,
     RS,
-    SP,
     ST,
     ST_CC,
-    ST_EDGE,
     ST_GIE,
     ST_RM,
     STORE,
@@ -67,16 +73,7 @@ from firmware_sim.c3x.operations import FLAGS_LOW, WORD_MASK, add_or_load, compu
 from firmware_sim.c3x.pipeline import SETTLED, clear_cache, decode_cycle, pass_without_access, stall_cycles
 from firmware_sim.jit import jit
 
-INTERRUPT_SOURCES: Final = 0xF3F
-"""Bits of IE and IF that are interrupts of the CPU: INT0 to INT3, XINT0, RINT0, TINT0, TINT1, DINT0, DINT1 (3-12)."""
-FIRST_TRAP: Final = 0x20
-_EXTERNAL_INTERRUPTS: Final = 0xF
 _IDLE2: Final = OPERATION_INDEX["idle2"]
-INTERRUPT_CYCLES: Final = 5
-"""As TRAP: the pipeline is emptied as for a branch, and the vector is read."""
-
-_PAIR_FLAGS: Final = ST_V | ST_Z | ST_N | ST_UF
-
 _RUNNING: Final = int(Reason.RUNNING)
 _HORIZON: Final = int(Reason.HORIZON)
 _DEVICE_READ: Final = int(Reason.DEVICE_READ)
@@ -129,64 +126,6 @@ def _write_device(s: Any, address: int, word: int, cycles: int) -> None:
 
 
 @jit
-def _note_gate(s: Any, before: int, after: int, cycles: int) -> None:
-    """Measure how long GIE is clear; ``before`` and ``after`` are what ST holds around the end of an instruction.
-
-    The time from reset until GIE is first set does not count.
-    """
-    if before & ~after & ST_GIE:
-        s.closed_since = cycles
-    elif after & ~before & ST_GIE and s.closed_since != NOWHERE:
-        s.closed_longest = max(s.closed_longest, cycles - s.closed_since)
-        s.closed_since = NOWHERE
-
-
-@jit
-def _pending(s: Any, r: Any) -> int:
-    """The interrupt requests that are enabled and can be served now, as bits."""
-    if not r[ST] & ST_EDGE:
-        r[IF] |= s.active_lines
-    pending = r[IF] & r[IE] & INTERRUPT_SOURCES
-    if s.is_idle == 2:
-        pending &= _EXTERNAL_INTERRUPTS
-    is_held_off = s.delay_end != NOWHERE or s.is_single_repeat or s.is_supplied0 or s.is_supplied1
-    return 0 if is_held_off or not r[ST] & ST_GIE else pending
-
-
-@jit
-def _vector_address(r: Any, number: int) -> int:
-    """Where an entry of the interrupt-trap table is; the table begins at ITTP << 8 (7-29)."""
-    return ((r[IF] >> 16) << 8) + number & ADDRESS_MASK
-
-
-@jit
-def _vector(r: Any, memory: Any, pages: Any, number: int) -> int:
-    """An entry of the interrupt-trap table: an address; UNMAPPED_PAGE if there is no memory."""
-    index = locate(pages, _vector_address(r, number))
-    return memory[index] & ADDRESS_MASK if index >= 0 else UNMAPPED_PAGE
-
-
-@jit
-def _serve(s: Any, r: Any, memory: Any, pages: Any, kinds: Any, pending: int, pc: int) -> int:
-    """Enter the service of the first of the ``pending`` interrupts; gives its address, or a negative number."""
-    number = 0
-    while not pending >> number & 1:
-        number += 1
-    top = r[SP] + 1 & ADDRESS_MASK
-    index = locate(pages, top)
-    target = _vector(r, memory, pages, number + 1)
-    if index < 0 or target < 0:
-        s.address = top if index < 0 else _vector_address(r, number + 1)
-        return UNMAPPED_PAGE
-    store_word(s, memory, kinds, index, pc)
-    r[SP] = r[SP] & ~ADDRESS_MASK | top
-    r[IF] &= ~(1 << number)
-    r[ST] &= ~ST_GIE
-    s.is_idle = 0
-    return target
-
-
-@jit
 def interpret(
     state: Any, r: Any, memory: Any, pages: Any, waits: Any, kinds: Any, decoded: Any, trail: Any, horizon: int
 ) -> int:
@@ -213,20 +152,28 @@ def interpret(
             if cycles >= horizon:
                 reason = _HORIZON
                 break
-            pending = _pending(s, r)
+            pending = pending_requests(s, r)
             if pending:
-                target = _serve(s, r, memory, pages, kinds, pending, pc)
+                target = enter_service(s, r, memory, pages, kinds, pending, pc)
                 if target < 0:
                     reason = _UNMAPPED
                     break
                 pc = target
-                _note_gate(s, st, r[ST], cycles)
+                note_gate(s, st, r[ST], cycles)
                 st = r[ST]
                 cycles += INTERRUPT_CYCLES
                 continue
             if s.is_idle:
                 reason = _IDLE
                 break
+            if waits is None:
+                s.instructions = instructions
+                repeated = repeat_multiply_add(s, r, memory, pages, kinds, decoded, trail, pc, horizon - cycles)
+                if repeated:
+                    instructions += repeated
+                    cycles += repeated
+                    st = r[ST]
+                    continue
 
         here = locate(pages, pc)
         if here < 0:
@@ -248,8 +195,8 @@ def interpret(
                 break
             if holds(row.condition, st):
                 r[LOADED] = pc + 1
-                if kind == TRAP and _vector(r, memory, pages, FIRST_TRAP + row.value) < 0:
-                    s.address = _vector_address(r, FIRST_TRAP + row.value)
+                if kind == TRAP and vector(r, memory, pages, FIRST_TRAP + row.value) < 0:
+                    s.address = vector_address(r, FIRST_TRAP + row.value)
                     reason = _UNMAPPED
                     break
             else:
@@ -258,16 +205,12 @@ def interpret(
 
         address0 = address1 = 0
         if mode == TWO_LOADS:
-            base0, base1 = r[row.pointer0], r[row.pointer1]
-            address0 = base0 + row.ahead0 & ADDRESS_MASK
-            address1 = base1 + row.ahead1 & ADDRESS_MASK
+            address0 = r[row.pointer0] + row.ahead0 & ADDRESS_MASK
+            address1 = r[row.pointer1] + row.ahead1 & ADDRESS_MASK
             index0 = locate(pages, address0)
             index1 = locate(pages, address1)
             if index0 >= 0 and index1 >= 0:
-                r[row.pointer0] = base0 & ~ADDRESS_MASK | base0 + row.advance0 & ADDRESS_MASK
-                r[row.pointer1] = base1 & ~ADDRESS_MASK | base1 + row.advance1 & ADDRESS_MASK
-                r[LOADED] = np.int64(memory[index0]) << row.shift0
-                r[LOADED + 1] = np.int64(memory[index1]) << row.shift1
+                load_two(r, row, memory, index0, index1)
             else:
                 mode = DISPLACED
         if mode not in (NO_ACCESS, TWO_LOADS):
@@ -345,7 +288,7 @@ def interpret(
             destination = row.destination0
             r[destination] = _merged(r[destination], result, row.kept0)
             if destination >= ST and destination <= RC:
-                _note_gate(s, st, r[ST], cycles)
+                note_gate(s, st, r[ST], cycles)
                 st = clear_cache(s, r) if r[ST] & ST_CC else r[ST]
                 if st & ST_RM and signed(r[RC]) <= 0 and destination == ST:
                     st &= ~ST_RM
@@ -358,11 +301,7 @@ def interpret(
             if holds(row.condition, st):
                 following = r[row.source0] + row.value & ADDRESS_MASK
         elif kind == MULTIPLY_ADD:
-            product = mul_flagged(r[row.source0], r[row.source1])
-            total = add_flagged(r[row.source2], r[row.source3])
-            r[row.destination0] = product & REGISTER_MASK
-            r[row.destination1] = total & REGISTER_MASK
-            st = st & ~_PAIR_FLAGS | (product | total) >> FLAGS_LOW
+            st = multiply_and_add(r, row, st)
             r[ST] = st
         elif kind == PAIR:
             result = multiply_or_load(row.operation0, r[row.source0], r[row.source1], st)
@@ -394,13 +333,13 @@ def interpret(
             following = r[LOADED] & ADDRESS_MASK
         elif kind == RETURN_FROM_INTERRUPT:
             following = r[LOADED] & ADDRESS_MASK
-            _note_gate(s, st, st | ST_GIE, cycles)
+            note_gate(s, st, st | ST_GIE, cycles)
             st |= ST_GIE
             r[ST] = st
             limit = 0
         elif kind == TRAP:
-            following = _vector(r, memory, pages, FIRST_TRAP + row.value)
-            _note_gate(s, st, st & ~ST_GIE, cycles)
+            following = vector(r, memory, pages, FIRST_TRAP + row.value)
+            note_gate(s, st, st & ~ST_GIE, cycles)
             st &= ~ST_GIE
             r[ST] = st
         elif kind in (REPEAT_BLOCK, REPEAT_SINGLE):
@@ -416,7 +355,7 @@ def interpret(
             watched = _end_of_stretch(s, r)
         elif kind == IDLE:
             s.is_idle = 2 if row.operation0 == _IDLE2 else 1
-            _note_gate(s, st, st | ST_GIE, cycles)
+            note_gate(s, st, st | ST_GIE, cycles)
             st |= ST_GIE
             r[ST] = st
             limit = 0
@@ -435,6 +374,8 @@ def interpret(
                 r[RC] = remaining & WORD_MASK
                 if remaining >= 0:
                     following = r[RS] & ADDRESS_MASK
+                    if waits is None and following == pc and kind == MULTIPLY_ADD:
+                        limit = 0
                 else:
                     st &= ~ST_RM
                     r[ST] = st

@@ -4,7 +4,7 @@ import numpy as np
 
 from firmware_sim.board.interrupts import INT0, INT1, TINT0
 from firmware_sim.board.service_log import DEEPEST, new_service_log, note_entry, note_requests, note_return
-from firmware_sim.c3x.interpreter import INTERRUPT_CYCLES
+from firmware_sim.c3x.interrupts import INTERRUPT_CYCLES
 
 ENABLED = 1 << INT0 | 1 << INT1 | 1 << TINT0
 

@@ -15,7 +15,7 @@ from firmware_sim.board.service_log import BIT, CAPACITY, ENDED, EXECUTION, REQU
 from firmware_sim.board.sheet import BoardSheet
 from firmware_sim.board.target import TargetProcessor
 from firmware_sim.c3x.cpu import ProgramError
-from firmware_sim.c3x.interpreter import INTERRUPT_CYCLES
+from firmware_sim.c3x.interrupts import INTERRUPT_CYCLES
 from firmware_sim.errors import UsageError
 from firmware_sim.toolchain.assembler import assemble
 from firmware_sim.toolchain.disassembler import disassemble

@@ -13,7 +13,7 @@ from firmware_sim.bench import Flight
 from firmware_sim.board.adc import Converter
 from firmware_sim.board.line import FileLine
 from firmware_sim.board.sheet import BoardSheet
-from firmware_sim.c3x.interpreter import INTERRUPT_CYCLES
+from firmware_sim.c3x.interrupts import INTERRUPT_CYCLES
 from firmware_sim.cli_target import read_image
 from firmware_sim.plant.scenario import load_scenario
 from host.stream import Stream
