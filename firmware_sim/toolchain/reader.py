@@ -120,7 +120,7 @@ class SourceReader:
     # Lines ------------------------------------------------------------------------------------------------
 
     def _fields(self, line: SourceLine, *, is_substituted: bool = True) -> Fields:
-        code = without_comment(line.text.replace("\x1a", ""))
+        code = without_comment(line.text)
         if is_substituted:
             code = self._substitutions.apply(code)
         return split_fields(code.expandtabs(), self._is_operation, self._owner.stands_alone)
@@ -305,8 +305,9 @@ class SourceReader:
 
 
 def _lines(name: str, text: str) -> list[SourceLine]:
-    """The lines of a source that is called ``name``."""
-    return [SourceLine(name, number, line.rstrip("\r")) for number, line in enumerate(text.split("\n"), 1)]
+    """The lines of a source that is called ``name``, without the marks of the systems that it comes from."""
+    lines = _LINE_END.split(_MARKS.sub("", text))
+    return [SourceLine(name, number, line) for number, line in enumerate(lines, 1)]
 
 
 def _find(folder: Path, name: str) -> Path | None:
@@ -326,6 +327,8 @@ def read_source(path: Path) -> str:
         raise SourceError(f"a readable source was expected, found {path} ({error.strerror})") from error
 
 
+_LINE_END: Final = re.compile(r"\r*\n|\r")
+_MARKS: Final = re.compile(r"\A(?:\ufeff|\xef\xbb\xbf)|[\0\x1a]")  # of byte order, and DOS's end of a file
 _OWN_SUBSTITUTION: Final = frozenset((".asg", ".eval", ".var"))
 _STRAYS: Final = {
     ".endif": ".if",

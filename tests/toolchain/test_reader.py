@@ -107,6 +107,8 @@ def words(source: str) -> list[int]:
         pytest.param(" NOP\n .end\n anything\n", " NOP", id="end"),
         pytest.param(' .TITLE "don\'t"\n .width 80\n .page\n NOP\n', " NOP", id="ignored directives"),
         pytest.param('# 1 "x.c"\n NOP\r\n\x1a', " NOP", id="preprocessor and DOS remains"),
+        pytest.param("\ufeffa NOP\r BR a\r\r\n\f\r\n\x1a\x1a\0\0", "a NOP\n BR a", id="other line ends and marks"),
+        pytest.param("\xef\xbb\xbf* \xb3\n NOP\t;\x82\n", " NOP", id="bytes of other systems"),
     ],
 )
 def test_equals_its_plain_form(source: str, plain: str) -> None:
