@@ -124,12 +124,13 @@ def _link(
             )
         program.globals |= exported
     words = {id(item): _words(module, part, item, errors) for module, part, item in _all_items(modules)}
+    entry = _chosen_entry(modules, errors)
     errors.check()
     sections = _sections(parts, words)
     symbols = {name: symbol for module in modules for name, symbol in _symbols(module, sections)}
-    return AssembledImage(
-        sections, symbols, _entry(program, sections), tuple(_listed(modules, words)), tuple(sorted(program.unresolved))
-    )
+    if entry is None:
+        entry = _entry(program, sections)
+    return AssembledImage(sections, symbols, entry, tuple(_listed(modules, words)), tuple(sorted(program.unresolved)))
 
 
 def _all_items(modules: Sequence[Module]) -> Iterator[tuple[Module, Part, Item]]:
@@ -244,8 +245,20 @@ def _symbols(module: Module, sections: Mapping[str, Section]) -> Iterator[tuple[
             yield name, Symbol(name, number & 0xFFFF_FFFF, section, is_global=name in module.symbols.exported)
 
 
+def _chosen_entry(modules: Sequence[Module], errors: ErrorLog) -> int | None:
+    """Where .entry says that execution starts; None if no source has it."""
+    for module in modules:
+        if module.entry is not None:
+            line, text = module.entry
+            try:
+                return Context(module.symbols, module.parts[".text"], 0, 0).integer(text)
+            except OperandError as error:
+                errors.add(line, SourceError(str(error), text))
+    return None
+
+
 def _entry(program: Program, sections: Mapping[str, Section]) -> int | None:
-    """Where execution starts: at TI's name for it, or else with the first word of .text."""
+    """Where execution starts without .entry: at TI's name for it, or else with the first word of .text."""
     for name in _ENTRY_NAMES:
         if name in program.globals:
             return int(program.globals[name].number)

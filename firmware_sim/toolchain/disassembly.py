@@ -103,11 +103,16 @@ def _is_writable(name: str) -> bool:
     return re.fullmatch(NAME, name) is not None and name.upper() not in REGISTER_CODES and not is_local(name)
 
 
+def _shown(name: str) -> str:
+    """``name`` on one line, whatever a damaged file put into it."""
+    return name if name.isprintable() else ascii(name)[1:-1]
+
+
 def _definition(symbol: Symbol, value: str = "") -> Iterator[str]:
     mark = "" if _is_writable(symbol.name) else "; "
     if symbol.is_global:
-        yield f"{mark}        .global {symbol.name}"
-    yield f"{mark}{symbol.name}:{value}"
+        yield f"{mark}        .global {_shown(symbol.name)}"
+    yield f"{mark}{_shown(symbol.name)}:{value}"
 
 
 def _constants(image: Image) -> list[str]:
@@ -122,10 +127,10 @@ def _constants(image: Image) -> list[str]:
 
 
 def _heading(section: Section) -> Iterator[str]:
-    name = section.name.replace('"', '""')
+    name = _shown(section.name).replace('"', '""')
     if not section.words:
         last = section.run_address + section.size - 1
-        yield f"; {section.name}: {section.size} words without contents, {section.run_address:06X} to {last:06X}"
+        yield f"; {_shown(section.name)}: {section.size} words without contents, {section.run_address:06X} to {last:06X}"
     elif not section.is_loadable:
         yield f'        .sect "{name}"{"":8}; not loaded'
     else:
@@ -171,7 +176,7 @@ def _word(word: int, address: int, labels: Mapping[int, Sequence[Symbol]], *, is
     if instruction is None or not _comes_back(text, word, address):
         text = f".word {hexadecimal(word)}"
     target = word if instruction is None else _target(instruction, address)
-    name = next((symbol.name for symbol in labels.get(target, ())), "") if target is not None else ""
+    name = next((_shown(symbol.name) for symbol in labels.get(target, ())), "") if target is not None else ""
     cycles = str(instruction.row.cycles) if instruction else ""
     return _line(text, f"{address:06X} {word:08X} {cycles:<1} {name}")
 

@@ -83,6 +83,23 @@ def unquote(text: str) -> str:
     return text[1:-1].replace('""', '"')
 
 
+def operands_of(fields: Fields, count: int, what: str) -> list[str]:
+    """The operands, the first ``count`` of which, ``what``, there must be. Raises SourceError."""
+    operands = split_operands(fields.operands)
+    if len(operands) < count or not all(operands[:count]):
+        verb = "was" if count == 1 else "were"
+        raise SourceError(f"{what} {verb} expected after {fields.operation}", fields.operation)
+    return operands
+
+
+def section_name(fields: Fields) -> str:
+    """The first operand as the name of a section. Raises SourceError."""
+    operands = split_operands(fields.operands)
+    if not operands or not unquote(operands[0]):
+        raise SourceError(f"the name of a section was expected after {fields.operation}", fields.operation)
+    return unquote(operands[0])
+
+
 def split_fields(code: str, is_operation: Callable[[str], bool], stands_alone: Callable[[str], bool]) -> Fields:
     """The fields of ``code``, a line without its comment.
 

@@ -12,9 +12,9 @@ from firmware_sim.toolchain.data import DIRECTIVES, PACKED, items, packed, words
 from firmware_sim.toolchain.diagnostics import ErrorLog, SourceError, SourceLine
 from firmware_sim.toolchain.expressions import Value
 from firmware_sim.toolchain.image import SectionKind
-from firmware_sim.toolchain.lexer import Fields, split_operands, split_parallel, unquote
+from firmware_sim.toolchain.lexer import Fields, operands_of, section_name, split_operands, split_parallel, unquote
 from firmware_sim.toolchain.reader import SourceReader
-from firmware_sim.toolchain.sections import MEMORY_WORDS, Bits, Code, Data, Fill, Item, Part, Words
+from firmware_sim.toolchain.sections import MEMORY_WORDS, Bits, Code, Data, Fill, Item, Part, Words, kind_of
 from firmware_sim.toolchain.structures import Structures
 from firmware_sim.toolchain.symbols import Context, Expression, Label, Meaning, Program, Register, Symbols
 
@@ -38,6 +38,7 @@ class Module:
         self.parts: dict[str, Part] = {}
         self.listed: list[tuple[SourceLine, Item | None]] = []
         self.reader = SourceReader(self, errors, include_folders)
+        self.entry: tuple[SourceLine, str] | None = None  # where .entry says that execution starts
         self._local_block = 0
         self._part = self._enter(".text", SectionKind.TEXT)
         self._structures = Structures()
@@ -49,6 +50,9 @@ class Module:
             ".const": lambda line, fields: self._go_to(".const", SectionKind.DATA, line, fields),
             ".sect": self._sect,
             ".asect": self._asect,
+            ".start": self._start,
+            ".brstart": self._brstart,
+            ".entry": self._entry,
             ".bss": self._bss,
             ".usect": self._usect,
             ".set": self._set,
@@ -189,22 +193,39 @@ class Module:
     # Directives -------------------------------------------------------------------------------------------
 
     def _sect(self, line: SourceLine, fields: Fields) -> None:
-        name = _section_name(fields)
-        self._go_to(name, _KINDS.get(name, SectionKind.DATA), line, fields)
+        name = section_name(fields)
+        self._go_to(name, kind_of(name), line, fields)
 
     def _asect(self, line: SourceLine, fields: Fields) -> None:
         operands = split_operands(fields.operands)
-        self._go_to(_section_name(fields), SectionKind.DATA, line, fields)
+        self._go_to(section_name(fields), SectionKind.DATA, line, fields)
         if len(operands) > 1:
             self._part.address = self._context().constant(operands[1])
 
+    def _start(self, line: SourceLine, fields: Fields) -> None:
+        """.start name,address: where a section will be, without going there."""
+        name, address = operands_of(fields, 2, "the name of a section and an address")[:2]
+        self._enter(unquote(name), kind_of(unquote(name))).address = self._context().constant(address)
+        self._here(line, fields)
+
+    def _brstart(self, line: SourceLine, fields: Fields) -> None:
+        """.brstart name,words: a section will be at a multiple of that, as circular and bit-reversed buffers must."""
+        name, words = operands_of(fields, 2, "the name of a section and a size")[:2]
+        part = self._enter(unquote(name), kind_of(unquote(name)))
+        part.alignment = max(part.alignment, self._power_of_two(words))
+        self._here(line, fields)
+
+    def _entry(self, line: SourceLine, fields: Fields) -> None:
+        self.entry = line, operands_of(fields, 1, "a label")[0]
+        self._here(line, fields)
+
     def _bss(self, line: SourceLine, fields: Fields) -> None:
-        operands = _operands(fields, 2, "a name and a size")
+        operands = operands_of(fields, 2, "a name and a size")
         self._reserve(line, operands[0], ".bss", operands[1])
 
     def _usect(self, line: SourceLine, fields: Fields) -> None:
-        operands = _operands(fields, 2, "the name of a section and a size")
-        self._reserve(line, fields.label, _section_name(fields), operands[1])
+        operands = operands_of(fields, 2, "the name of a section and a size")
+        self._reserve(line, fields.label, section_name(fields), operands[1])
 
     def _reserve(self, line: SourceLine, label: str, section: str, size: str) -> None:
         part = self._enter(section, SectionKind.BSS)
@@ -276,14 +297,12 @@ class Module:
         """.fill count,value."""
         if fields.label:
             self.label(line, fields.label)
-        count, *value = _operands(fields, 1, "a count")
+        count, *value = operands_of(fields, 1, "a count")
         word = self._context().constant(value[-1]) if value else 0
         self._put(line, Fill(*self._item(line, self._size(count)), word & 0xFFFF_FFFF))
 
     def _align(self, line: SourceLine, fields: Fields) -> None:
-        boundary = self._context().constant(fields.operands) if fields.operands else _CACHE_LINE
-        if boundary < 1 or boundary & (boundary - 1):
-            raise SourceError(f"a power of two was expected, found {fields.operands}", fields.operands)
+        boundary = self._power_of_two(fields.operands) if fields.operands else _CACHE_LINE
         self._part.alignment = max(self._part.alignment, boundary)
         gap = -self._part.size % boundary
         if self._part.kind is SectionKind.BSS:
@@ -293,9 +312,15 @@ class Module:
         if fields.label:
             self.label(line, fields.label)
 
+    def _power_of_two(self, text: str) -> int:
+        number = self._context().constant(text)
+        if number < 1 or number & (number - 1):
+            raise SourceError(f"a power of two was expected, found {text}", text)
+        return number
+
     def _field(self, line: SourceLine, fields: Fields) -> None:
         """.field value[,bits]: from the low bits of a word on; one that does not fit begins the next word."""
-        operands = _operands(fields, 1, "a value")
+        operands = operands_of(fields, 1, "a value")
         width = self._context().constant(operands[1]) if len(operands) > 1 else _WORD_BITS
         if not 1 <= width <= _WORD_BITS:
             raise SourceError(f"a size from 1 to {_WORD_BITS} bits was expected, found {operands[1]}", operands[1])
@@ -312,7 +337,7 @@ class Module:
 
     def _load_label(self, line: SourceLine, fields: Fields) -> None:
         """.label name: where the next word is loaded, which is where it runs."""
-        self.label(line, _operands(fields, 1, "a name")[0])
+        self.label(line, operands_of(fields, 1, "a name")[0])
         self.listed.append((line, None))
 
     # Structures -------------------------------------------------------------------------------------------
@@ -328,7 +353,7 @@ class Module:
         operands = split_operands(fields.operands)
         layout = None
         if operation == ".tag":
-            layout = self._structures.layouts.get(_operands(fields, 1, "the name of a structure")[0])
+            layout = self._structures.layouts.get(operands_of(fields, 1, "the name of a structure")[0])
             unit = layout.size if layout else self._size(operands[0])
             operands = operands[1:]
         elif operation in (*DIRECTIVES, *PACKED, ".space"):
@@ -347,7 +372,7 @@ class Module:
 
     def _tag(self, line: SourceLine, fields: Fields) -> None:
         """``name .tag structure``: name.member is an address, that of ``name`` plus the member's offset."""
-        structure = _operands(fields, 1, "the name of a structure")[0]
+        structure = operands_of(fields, 1, "the name of a structure")[0]
         layout = self._structures.layouts.get(structure)
         if layout is None or not fields.label:
             raise SourceError(f"a name and a structure were expected around .tag, found {structure}", structure)
@@ -363,22 +388,6 @@ class Module:
 _WORD_BITS: Final = 32
 _WITHOUT_DOT: Final = frozenset(("equ", "set"))
 _STRUCTURING: Final = frozenset((".struct", ".endstruct", ".union", ".endunion"))
-_KINDS: Final = {".text": SectionKind.TEXT, ".data": SectionKind.DATA}
-
-
-def _operands(fields: Fields, count: int, what: str) -> list[str]:
-    operands = split_operands(fields.operands)
-    if len(operands) < count or not all(operands[:count]):
-        verb = "was" if count == 1 else "were"
-        raise SourceError(f"{what} {verb} expected after {fields.operation}", fields.operation)
-    return operands
-
-
-def _section_name(fields: Fields) -> str:
-    operands = split_operands(fields.operands)
-    if not operands or not unquote(operands[0]):
-        raise SourceError(f"the name of a section was expected after {fields.operation}", fields.operation)
-    return unquote(operands[0])
 
 
 def export(module: Module) -> dict[str, Value]:

@@ -20,6 +20,11 @@ MEMORY_WORDS: Final = 1 << 24
 _FIRST: Final = (".text", ".data", ".bss")
 
 
+def kind_of(name: str) -> SectionKind:
+    """What a section of this name holds, until it is known better."""
+    return SectionKind.TEXT if name == ".text" else SectionKind.DATA
+
+
 @dataclass(eq=False)
 class Item:
     """Something of ``size`` words at ``offset`` in a part, from ``line``."""

@@ -92,6 +92,35 @@ def test_the_processor_is_known_by_name_in_any_case() -> None:
     assert text(" .word .TMS320xx") == [32]
 
 
+def test_a_program_in_the_manner_of_the_starters_kit() -> None:
+    """Sections get their addresses before they begin, a buffer is aligned for circular addressing, a label starts."""
+    image = assemble("""
+        .start  ".text",0x809900
+        .start  ".data",0x809C00
+        .brstart "XN_BUFF",16
+        .data
+table   .word   XN,5
+XN      .sect   "XN_BUFF"
+        .loop   4
+        .float  0
+        .endloop
+        .entry  BEGIN
+        .text
+        NOP
+BEGIN   LDP     table
+        LDI     @table,AR0
+WAIT    BR      WAIT
+        .end
+""")
+    assert image.sections[".text"].address == 0x80_9900
+    assert image.sections[".data"].address == 0x80_9C00
+    buffer = image.sections["XN_BUFF"]
+    assert buffer.address % 16 == 0
+    assert image.sections[".data"].words == [buffer.address, 5]
+    assert image.entry == 0x80_9901
+    assert image.sections[".text"].words[1:3] == [0x5070_0080, 0x0828_9C00]
+
+
 def test_align_and_even() -> None:
     same(
         " IDLE\n .even\n IDLE\n .even\nx .even\n BR x\n .align 4\n IDLE",

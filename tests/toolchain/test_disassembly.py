@@ -114,6 +114,16 @@ def test_sections_that_are_not_loaded_or_run_elsewhere() -> None:
     assert assemble(text).sections["fast"].words == [0x6A00_FFFF]
 
 
+def test_names_of_a_damaged_file_stay_on_their_lines() -> None:
+    image = Image({"a\nb": Section("a\nb", 0, [5])}, {"x\x1b": Symbol("x\x1b", 0, "a\nb")})
+    assert [line.split(" ;")[0].strip() for line in disassembly(image).splitlines()] == [
+        "",
+        r'.asect "a\nb",0h',
+        r"; x\x1b:",
+        ".word 5h",
+    ]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_random_images_come_back(seed: int) -> None:
     generator = random.Random(seed)
