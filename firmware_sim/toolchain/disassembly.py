@@ -127,10 +127,11 @@ def _constants(image: Image) -> list[str]:
 
 
 def _heading(section: Section) -> Iterator[str]:
-    name = _shown(section.name).replace('"', '""')
+    shown = _shown(section.name)
+    name = shown.replace('"', '""')
     if not section.words:
         last = section.run_address + section.size - 1
-        yield f"; {_shown(section.name)}: {section.size} words without contents, {section.run_address:06X} to {last:06X}"
+        yield f"; {shown}: {section.size} words without contents, {section.run_address:06X} to {last:06X}"
     elif not section.is_loadable:
         yield f'        .sect "{name}"{"":8}; not loaded'
     else:
