@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from firmware_sim import cli_firmware, cli_study, cli_target
 from firmware_sim.cli_output import forget_output, open_streams, say, show
@@ -110,8 +110,17 @@ class _Parser(argparse.ArgumentParser):
         sys.exit(BAD_USAGE)
 
 
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        from importlib.metadata import version
+
+        show(f"{parser.prog} {version('firmware-sim')}")
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="firmware-sim", description="A virtual TMS320C32 strapdown-navigation board.")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     run = commands.add_parser(
         "run", help="fly a scenario on the virtual board", description="Fly a scenario on the virtual board."
@@ -246,7 +255,7 @@ class _Progress:
         text = f"{done_s:.0f} of {wanted_s:.0f} s flown ({done_s / wanted_s:.0%})"
         if self._terminal:
             print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
-        elif time.monotonic() - self._shown_s >= self._SECONDS_BETWEEN_LINES:
+        elif done_s and time.monotonic() - self._shown_s >= self._SECONDS_BETWEEN_LINES:
             self._shown_s = time.monotonic()
             say(text)
 

@@ -127,11 +127,20 @@ def _tell(text: str, end: str = "\n") -> None:
             print(text, end=end, file=sys.stderr, flush=True)
 
 
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        from importlib.metadata import version
+
+        _say(f"{parser.prog} {version('firmware-sim')}")
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     from host import cli_files, cli_live
     from host.link import DEFAULT_BAUD
 
     parser = _Parser(prog="nav-host", description=__doc__.splitlines()[0], allow_abbrev=False)
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
 
     record = commands.add_parser("record", help="record a line to a log until Ctrl-C")

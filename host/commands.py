@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,18 +29,18 @@ _ZERO_SINGLE = 0x80000000
 _ANGLE_DECIMALS = 6
 
 
-class Coding:
+class Coding(ABC):
     """How a number of the face stands on the line, in words of 32 bits."""
 
     words = 1
 
+    @abstractmethod
     def pack(self, number: float) -> tuple[int, ...]:
         """The words, each 0 to 2^32 - 1."""
-        raise NotImplementedError
 
+    @abstractmethod
     def unpack(self, words: Sequence[int]) -> float:
         """The number of the face."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -258,3 +259,10 @@ def test_a_cold_cache_says_that_it_compiles(tmp_path):
         _, said = process.communicate(timeout=PATIENCE_S)
     assert "compiling" not in said
     assert Path(tmp_path / "firmware-sim").is_dir()
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert not ended.value.code
+    assert capsys.readouterr().out == f"firmware-sim {version('firmware-sim')}\n"

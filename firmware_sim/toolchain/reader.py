@@ -322,9 +322,13 @@ def _find(folder: Path, name: str) -> Path | None:
 def read_source(path: Path) -> str:
     """The text of a source file. Raises SourceError."""
     try:
-        return path.read_text(encoding="latin-1")
+        text = path.read_text(encoding="latin-1")
     except OSError as error:
         raise SourceError(f"a readable source was expected, found {path} ({error.strerror})") from error
+    zero = text.rstrip("\0\x1a").find("\0")
+    if zero >= 0:
+        raise SourceError(f"a text was expected, found a zero byte at {zero} of {path}")
+    return text
 
 
 _LINE_END: Final = re.compile(r"\r*\n|\r")

@@ -124,3 +124,16 @@ def test_recursive_includes_are_refused(tmp_path: Path) -> None:
 def test_any_text_is_assembled_or_refused(lines: list[str]) -> None:
     with contextlib.suppress(UsageError):
         assert assemble("\n".join(lines)).unresolved == ()
+
+
+def test_a_binary_file_is_no_source(tmp_path: Path) -> None:
+    binary = tmp_path / "image.out"
+    binary.write_bytes(b"\xc2\0\x05\0 NOP\n")
+    with pytest.raises(AssemblyError, match=r"image\.out:1:1: a text was expected, found a zero byte at 1 of "):
+        assemble_files([binary])
+
+
+def test_what_a_terminal_would_act_upon_is_escaped() -> None:
+    with pytest.raises(AssemblyError) as refusal:
+        assemble(" LDI \x1b[2J,R0\n")
+    assert str(refusal.value).endswith(r"found \x1b[2J")
