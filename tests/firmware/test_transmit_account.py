@@ -11,8 +11,6 @@ from firmware_sim import bench, bench_firmware
 from firmware_sim.bench import Flight
 from firmware_sim.board.interrupts import INT3
 from firmware_sim.board.sheet import (
-    MIN_KEPT_SAMPLE_CYCLES,
-    MIN_SAMPLE_CYCLES,
     AdcSheet,
     BoardSheet,
     ProcessorSheet,
@@ -20,6 +18,7 @@ from firmware_sim.board.sheet import (
     TickSheet,
     UartSheet,
 )
+from firmware_sim.board.sheet_checks import MIN_KEPT_SAMPLE_CYCLES, MIN_SAMPLE_CYCLES
 from firmware_sim.board.uart import FIFO_SIZE
 from firmware_sim.firmware import telemetry
 from firmware_sim.firmware.build import service_bounds
