@@ -61,12 +61,16 @@ def run(
     """Run a flight to its end and report.
 
     ``open_line`` makes the line that takes the UART's bytes, once all else is known to be right; the run closes it
-    (without one the bytes are dropped). ``progress`` is called with
-    virtual seconds done and wanted; ``announce`` with a sentence when something takes its time.
+    (without one the bytes are dropped). ``progress`` is called with virtual seconds done and wanted, and may raise
+    FlightEndedError; ``announce`` with a sentence when something takes its time.
 
     Raises UsageError for what cannot be run.
     """
     return NativeRun(flight, open_line, progress or ignore, announce or ignore).fly()
+
+
+class FlightEndedError(Exception):
+    """Raised by a caller's ``progress``: the flight ends there, and its report is of what was flown."""
 
 
 def ignore(*_: Any) -> None:
@@ -103,32 +107,49 @@ class BoardRun(ABC):
 
     def _fly(self) -> Report:
         self._prepare()
-        self.progress(0.0, self.duration_s)
-        began_s = time.monotonic()
         ticks = max(1, round(self.duration_s * self.sheet.h1_hz / self.sheet.tick_cycles))
-        # To just before the next tick: the last frame has the time to leave.
-        end = (ticks + 1) * self.sheet.tick_cycles - 1
+        began_s = self._shown_s = time.monotonic()
+        try:
+            self.progress(0.0, self.duration_s)
+            # To just before the next tick: the last frame has the time to leave.
+            self._fly_until((ticks + 1) * self.sheet.tick_cycles - 1)
+            self.progress(self.duration_s, self.duration_s)
+        except FlightEndedError:
+            ticks = min(ticks, self.board.now // self.sheet.tick_cycles)
+            is_whole = False
+        else:
+            is_whole = True
+        wall_s = time.monotonic() - began_s
+        if is_whole:
+            self._drain()
+        self.line.close()
+        report = self._report(wall_s, ticks * self.sheet.tick_cycles / self.sheet.h1_hz)
+        report["is_whole"] = is_whole
+        return report
+
+    def _fly_until(self, end: int) -> None:
         in_step = self.flight.real_time_ratio is not None or self.sheet.line.policy == "wait"
         slice_s = _SLICE_IN_STEP_S if in_step else _SLICE_S
         slice_cycles = max(1, round(slice_s * self.sheet.h1_hz))
         pacer = None if self.flight.real_time_ratio is None else Pacer(self.flight.real_time_ratio)
-        shown_s = began_s
         while self.board.now < end:
             self._run_slice(min(end, self.board.now + slice_cycles))
             self._serve_line()
             if pacer:
                 pacer.wait_until(self.board.now / self.sheet.h1_hz, self.line)
-            if time.monotonic() - shown_s > _PROGRESS_S:
-                shown_s = time.monotonic()
-                self.progress(min(self.board.now / self.sheet.h1_hz, self.duration_s), self.duration_s)
-        flown_s = time.monotonic() - began_s
+            self._show_progress()
+
+    def _show_progress(self) -> None:
+        if time.monotonic() - self._shown_s > _PROGRESS_S:
+            self._shown_s = time.monotonic()
+            self.progress(min(self.board.now / self.sheet.h1_hz, self.duration_s), self.duration_s)
+
+    def _drain(self) -> None:
         if held := self.line.ledger.held:
             self.announce(
                 f"{held} bytes wait for their reader, for up to {self.sheet.line.linger_s:g} s after its last read"
             )
         self.line.drain(self.sheet.line.linger_s)
-        self.line.close()
-        return self._report(flown_s, ticks * self.sheet.tick_cycles / self.sheet.h1_hz)
 
     @abstractmethod
     def _prepare(self) -> None:
@@ -154,6 +175,7 @@ class BoardRun(ABC):
         self.received = self.received[self.board.receive(self.received) :]
         while not self.line.ready():
             self.line.idle(_IDLE_S)
+            self._show_progress()
 
 
 class NativeRun(BoardRun):

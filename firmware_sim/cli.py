@@ -33,6 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     # SIGINT too: a shell starts what it runs in the background with SIGINT ignored.
     _ends.clear()
+    _flying.reset()
     sys.unraisablehook = _report_unraisable
     for number in _ENDINGS:
         signal.signal(number, _end)
@@ -76,8 +77,27 @@ _LLVM = str(Path("llvmlite", "binding"))
 _MOMENT_S = 0.02
 
 
+class _Flying:
+    """Whether a flight is under way, which ends by itself when it next looks, and whether it is to."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        self.is_under_way = self.is_to_end = False
+
+
+_flying = _Flying()
+
+
 def _end(number: int, frame: FrameType | None) -> None:
-    """End the command, once: a second signal must not interrupt the cleaning up."""
+    """End the command, once: a second signal must not interrupt the cleaning up.
+
+    A flight is asked to end, so that it can report; only the watchdog, or a second signal, does not wait for it.
+    """
+    if _flying.is_under_way and not _flying.is_to_end and number != signal.SIGALRM:
+        _flying.is_to_end = True
+        return
     if _ends:
         return
     if _is_in_llvm(frame):
@@ -171,11 +191,15 @@ def _run(options: argparse.Namespace) -> int:
         open_line = functools.partial(_open_line, options, flight)
         report = fly(flight, open_line=open_line, progress=progress.show, announce=say)
     finally:
+        _flying.reset()
         progress.clear()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     if "report" in outputs:
         report.write(outputs["report"])
     show(report.table())
+    if not report["is_whole"]:
+        say(f"interrupted after {report['duration_s']:.2f} s of flight")
+        return INTERRUPTED
     if not report.within_budget:
         say(report.budget_sentence)
         return OVER_BUDGET
@@ -250,8 +274,14 @@ class _Progress:
         self._shown_s = time.monotonic()
 
     def show(self, done_s: float, wanted_s: float) -> None:
+        """Raises FlightEndedError when the flight is to end before its time."""
+        from firmware_sim.bench import FlightEndedError
+
         if _ends:
             raise _ends[0]
+        _flying.is_under_way = done_s < wanted_s and not _flying.is_to_end
+        if _flying.is_to_end:
+            raise FlightEndedError
         text = f"{done_s:.0f} of {wanted_s:.0f} s flown ({done_s / wanted_s:.0%})"
         if self._terminal:
             print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)

@@ -182,6 +182,49 @@ def test_an_interrupted_run_leaves_no_link_and_no_folder(tmp_path, number):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_interrupted_flight_is_reported_as_far_as_it_went(tmp_path):
+    raw, reported = tmp_path / "line.raw", tmp_path / "report.json"
+    arguments = ["static", "--engine", "double", "--rt", 1, "--raw", raw, "--report", reported]
+    with start("run", *arguments) as process:
+        wait_for(lambda: raw.exists() and raw.stat().st_size > 1000, process)
+        process.send_signal(signal.SIGINT)
+        shown, said = process.communicate(timeout=PATIENCE_S)
+    report = json.loads(reported.read_text())
+    assert process.returncode == 130
+    assert said == f"firmware-sim: interrupted after {report['duration_s']:.2f} s of flight\n"
+    assert not report["is_whole"]
+    assert 0 < report["duration_s"] < 60
+    assert report["nav_cycles"] == pytest.approx(report["duration_s"] / 0.02, abs=1)
+    assert report["line"]["sent"] == raw.stat().st_size
+    assert shown.startswith("static on double")
+
+
+def test_a_second_interrupt_does_not_wait_for_the_flight(capsys, monkeypatch):
+    """As where a board at a tiny part of real time looks at nothing for hours."""
+
+    def flying(*_, progress, **__):
+        progress(0.0, 60.0)
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+        time.sleep(PATIENCE_S)
+
+    monkeypatch.setattr("firmware_sim.bench.run", flying)
+    assert status_and_sentence(capsys, "run", "static", *SHORT) == (130, "firmware-sim: interrupted\n")
+
+
+def test_an_interrupt_behind_the_flight_does_not_wait_either(capsys, monkeypatch):
+    """The reader of the line is waited for, and nobody looks at signals."""
+
+    def flying(*_, progress, **__):
+        progress(0.0, 60.0)
+        progress(60.0, 60.0)
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(PATIENCE_S)
+
+    monkeypatch.setattr("firmware_sim.bench.run", flying)
+    assert status_and_sentence(capsys, "run", "static", *SHORT) == (130, "firmware-sim: interrupted\n")
+
+
 def test_an_interrupt_that_is_lost_while_numba_compiles_is_none_the_less_one(capsys, monkeypatch):
     """A call back from compiled code drops every exception; what fails afterwards says nothing of the interrupt."""
 
@@ -221,6 +264,17 @@ def test_a_live_link_is_refused_and_its_board_goes_on(capsys, tmp_path):
         assert process.poll() is None
         process.terminate()
         process.communicate(timeout=PATIENCE_S)
+
+
+def test_a_line_that_waits_for_nobody_is_ended_by_an_interrupt(tmp_path):
+    link = tmp_path / "line"
+    with start("run", "static", "--engine", "double", "--pty", link, "--line", "wait") as process:
+        wait_for(link.is_symlink, process)
+        process.terminate()
+        _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_line_that_waits_for_nobody_is_ended_by_the_watchdog(capsys, tmp_path):
