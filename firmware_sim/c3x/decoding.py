@@ -78,10 +78,11 @@ _POPS: Final = frozenset(("pop", "popf", "rets", "reti"))
 _LOADS_AS: Final = {"pop": "ldi", "popf": "ldf", "ldii": "ldi", "ldfi": "ldf"}
 # fmt: off
 _FLOAT_OPERANDS: Final = frozenset((
-    "absf", "addf", "cmpf", "fix", "lde", "ldf", "ldfi", "ldf_if", "ldm", "mpyf", "negf", "norm", "popf", "pushf",
-    "rnd", "stf", "stfi", "subf", "subrf",
+    "absf", "addf", "cmpf", "fix", "lde", "ldf", "ldfi", "ldf_if", "mpyf", "negf", "norm", "popf", "pushf", "rnd",
+    "stf", "stfi", "subf", "subrf",
 ))
 # fmt: on
+"""Operations whose words in memory are floats; the word that LDM takes is a mantissa of 32 bits."""
 _RELATIVE_TO: Final = {Shape.DELAYED_BRANCH: 3}
 _LAST_EXTENDED: Final = 7
 

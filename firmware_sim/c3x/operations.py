@@ -74,7 +74,8 @@ def changed_flags(names: tuple[str, ...]) -> tuple[int, int]:
     replaced = REPLACED.get(OPERATION_INDEX[names[0]], 0)
     if names[-1].startswith(("add", "sub")) and len(names) == 2:
         return replaced, _RAISED_BY_PAIRS
-    if names[-1].startswith("ld") and len(names) == 2:
+    if names[0].startswith("ld") and len(names) == 2:
+        # A load in parallel with a load or a store: a compiler and an emulator for this processor agree on it.
         return 0, 0
     return replaced, _CAN_BE_SET if replaced else 0
 
@@ -233,7 +234,7 @@ def load_exponent(a: int, b: int) -> int:
 
 @jit
 def load_mantissa(a: int, b: int) -> int:
-    """LDM: the mantissa of a with the exponent of b."""
+    """LDM: the mantissa of a with the exponent of b; a word from memory is a mantissa as a whole (``decoding``)."""
     return b & EXPONENT_MASK | a & WORD_MASK
 
 

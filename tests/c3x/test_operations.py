@@ -159,6 +159,18 @@ def test_exponent_and_mantissa_move_apart(assemble):
     assert cpu.st == N | Z
 
 
+@pytest.mark.parametrize("operand", ["@0x100", "*AR0"])
+def test_a_word_from_memory_is_a_mantissa_as_a_whole(assemble, operand):
+    """LDE takes the upper eight bits of the same word; an immediate operand is a float for both."""
+    cpu = Cpu()
+    cpu.load(assemble(f"LDM {operand},R1\nLDE {operand},R2\nLDM 3.0,R3"), 0)
+    cpu.reg["AR0"], cpu.memory[0x100] = 0x100, 0x8512_3456
+    cpu.r[1] = cpu.r[2] = cpu.r[3] = 0x07_2222_2222
+    for _ in range(3):
+        cpu.step()
+    assert (cpu.r[1], cpu.r[2], cpu.r[3]) == (0x07_8512_3456, 0x85_2222_2222, 0x07_4000_0000)
+
+
 def test_norm_of_the_manuals_example(assemble):
     """Example 5-17's region: a mantissa without its implied bit; 0.5 x 2^2 becomes 1.0 x 2^1, still positive."""
     cpu = Cpu()
@@ -189,6 +201,27 @@ def test_a_multiplication_with_a_sum_clears_n_and_z_and_keeps_c(assemble):
     cpu.st = N | Z | C | V | UF
     cpu.step()
     assert cpu.st == C
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "LDI *AR0,R0 || LDI *AR1,R1",
+        "LDF *AR0,R0 || LDF *AR1,R1",
+        "LDI *AR0,R0 || STI R1,*AR1",
+        "LDF *AR0,R0 || STF R1,*AR1",
+    ],
+)
+def test_a_load_in_parallel_changes_no_flag(assemble, text):
+    cpu = Cpu()
+    cpu.load(assemble(f"{text}\n{text}"), 0)
+    cpu.reg["AR0"], cpu.reg["AR1"] = 0x100, 0x101
+    cpu.memory[0x100] = cpu.memory[0x101] = 0x80FF_FFFF
+    everything = N | Z | V | C | UF | LV | LUF
+    for status in (0, everything):
+        cpu.st = status
+        cpu.step()
+        assert cpu.st == status
 
 
 def test_conditional_load_changes_no_flag_and_always_moves_its_pointer(assemble):

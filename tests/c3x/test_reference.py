@@ -33,7 +33,6 @@ FLOAT_OPERANDS = frozenset(
         "ldf",
         "ldfi",
         "ldf_if",
-        "ldm",
         "mpyf",
         "negf",
         "norm",
@@ -213,10 +212,10 @@ class Reference:
             elif is_extended:
                 value = old & 0xFF << 32 | value & 0xFFFF_FFFF
             self.registers[destination.register] = value if is_extended else value & 0xFFFF_FFFF
-        self.flags(results)
+        self.flags(names, results)
 
-    def flags(self, results):
-        if len(results) == 2 and results[0][0] in ("ldf", "ldi"):
+    def flags(self, names, results):
+        if len(names) == 2 and names[0] in ("ldf", "ldi"):
             return
         changed = [r for r in results if r[1].kind is Kind.NONE or r[1].register < 8]
         if len(changed) == 2:
