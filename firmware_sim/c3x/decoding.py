@@ -24,7 +24,6 @@ from firmware_sim.c3x.machine import (
     IR0,
     LOAD,
     LOADED,
-    NO_TRANSFER,
     NOTHING_THERE,
     SP,
     STORE,
@@ -180,8 +179,6 @@ class _Decoder:
         for field, value in access._asdict().items():
             row[f"{field}{number}"] = value
         row[f"shift{number}"] = 8 if name in _FLOAT_OPERANDS else 0
-        if name == "nop":
-            row[f"transfer{number}"] = NO_TRANSFER
         if stored is not None:
             row[f"transfer{number}"], row[f"stored{number}"] = STORE, stored
         return LOADED + number

@@ -53,7 +53,6 @@ from firmware_sim.c3x.machine import (
     BK,
     LOAD,
     LOADED,
-    NO_TRANSFER,
     NOWHERE,
     RC,
     RE,
@@ -105,8 +104,6 @@ def _merged(before: int, result: int, kept: int) -> int:
 def _permit(s: Any, access: int, address: int, index: int, transfer: int) -> int:
     """Whether an access outside of memory may go on: RUNNING, or the reason why not."""
     s.address = address
-    if transfer == NO_TRANSFER:
-        return _RUNNING
     if index >= UNMAPPED_PAGE:
         return _UNMAPPED
     if transfer == STORE or (s.is_supplied1 if access else s.is_supplied0):

@@ -101,7 +101,6 @@ STATE: Final = np.dtype(
 # What an access does with its address.
 LOAD: Final = 0
 STORE: Final = 1
-NO_TRANSFER: Final = 2
 
 DECODED: Final = np.dtype(
     [

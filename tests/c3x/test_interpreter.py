@@ -10,6 +10,7 @@ from firmware_sim.c3x import addressing, machine
 from firmware_sim.c3x.cpu import Cpu, ProgramError
 from firmware_sim.c3x.machine import Reason
 from firmware_sim.c3x.memory import BARE, MemoryMap, Region
+from firmware_sim.c3x.registers import REGISTER_CODES, REGISTER_NAMES
 
 GIE, RM, IE_ALL = 1 << 13, 1 << 8, 0xF3F
 DEVICE = 0x810000
@@ -447,11 +448,16 @@ def test_device_writes_are_delivered_with_their_cycle(cpu_with):
     assert (writes, int(state["write_count"]), int(state["write_cycle"])) == ({DEVICE: 10, DEVICE + 1: 11}, 2, 1)
 
 
-def test_nop_with_an_operand_and_its_device_address_reads_nothing(cpu_with):
+def test_nop_with_an_operand_reads_and_throws_away(cpu_with):
     cpu = cpu_with("NOP *AR0++", WITH_DEVICE)
-    cpu.reg["AR0"] = DEVICE
+    cpu.reg["AR0"], cpu.st = DEVICE, 0x6A
+    assert cpu.run(1) is Reason.DEVICE_READ
+    assert (int(cpu.state["address"][0]), cpu.reg["AR0"]) == (DEVICE, DEVICE)
+    cpu.state["is_supplied0"], cpu.state["supplied0"] = 1, 0x8000_0000
+    before = [cpu.reg[name] for name in REGISTER_NAMES]
     assert cpu.run(1) is Reason.HORIZON
-    assert cpu.reg["AR0"] == DEVICE + 1
+    before[REGISTER_CODES["AR0"]] += 1
+    assert [cpu.reg[name] for name in REGISTER_NAMES] == before
 
 
 @pytest.mark.parametrize(
