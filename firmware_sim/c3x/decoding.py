@@ -240,6 +240,9 @@ class _Decoder:
             is_extended = destination.kind is Kind.REGISTER and destination.register <= _LAST_EXTENDED
             if is_extended and operation not in operations.FLOAT_RESULTS:
                 row[f"kept{half}"] = 0xFF
+        if slots[2] == slots[5]:
+            # Of two parallel loads into one register the first named one stays (13-129, quoted by an emulator).
+            row["destination1"] = DISCARDED
         if slots[2].kind is Kind.NONE or slots[2].register <= _LAST_EXTENDED:
             row["replaced_flags"], row["raised_flags"] = operations.changed_flags(self.names)
 

@@ -340,13 +340,13 @@ def interpret(
             st &= ~ST_GIE
             r[ST] = st
         elif kind in (REPEAT_BLOCK, REPEAT_SINGLE):
-            r[RS] = pc + 1
             if kind == REPEAT_BLOCK:
                 r[RE] = row.value
             else:
+                r[RC] = r[row.source0] + row.value & WORD_MASK  # first: the source may be RS or RE
                 r[RE] = pc + 1
-                r[RC] = r[row.source0] + row.value & WORD_MASK
                 s.is_single_repeat = 1
+            r[RS] = pc + 1
             st |= ST_RM
             r[ST] = st
             watched = _end_of_stretch(s, r)
@@ -367,9 +367,8 @@ def interpret(
                 watched = _end_of_stretch(s, r)
                 limit = 0
             else:
-                remaining = signed(r[RC]) - 1
-                r[RC] = remaining & WORD_MASK
-                if remaining >= 0:
+                r[RC] = r[RC] - 1 & WORD_MASK
+                if signed(r[RC]) >= 0:
                     following = r[RS] & ADDRESS_MASK
                     if waits is None and following == pc and kind == MULTIPLY_ADD:
                         limit = 0

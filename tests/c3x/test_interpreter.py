@@ -129,6 +129,22 @@ def test_rpts_executes_the_next_instruction_count_plus_one_times(cpu_with, count
     assert (cpu.r[0], cpu.r[2]) == (count + 1, 7)
 
 
+@pytest.mark.parametrize("source", ["RS", "RE"])
+def test_rpts_reads_its_count_before_it_writes_the_registers_of_the_repeat(cpu_with, source):
+    cpu = cpu_with(f"RPTS {source}\nADDI 1,R0\nLDI 7,R2")
+    cpu.reg[source] = 3
+    cpu.run(4 + 3 + 1 + 1)
+    assert (cpu.r[0], cpu.r[2]) == (4, 7)
+
+
+def test_the_repeat_counter_wraps_as_32_bits(cpu_with):
+    """80000000h is the most that RC can count down from: it is followed by 7FFFFFFFh, which is no end."""
+    cpu = cpu_with("RPTB 0x101\nADDI 1,R0\nLDI 7,R2")
+    cpu.reg["RC"] = 0x8000_0000
+    cpu.run(4 + 3)
+    assert (cpu.r[0], cpu.pc, cpu.reg["RC"], cpu.st & RM) == (3, 0x101, 0x7FFF_FFFD, RM)
+
+
 def test_nested_blocks_with_saved_registers(cpu_with):
     """RS, RE, RC and ST are the whole state of a repeat (7-8); ST is restored last."""
     cpu = cpu_with(

@@ -224,6 +224,23 @@ def test_a_load_in_parallel_changes_no_flag(assemble, text):
         assert cpu.st == status
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("LDI *AR0,R3 || LDI *AR1,R3", 0x55_1234_5678),
+        ("LDI R2,R3 || LDI *AR1,R3", 0x55_0000_0099),
+        ("LDF *AR0,R3 || LDF *AR1,R3", 0x12_3456_7800),
+    ],
+)
+def test_of_two_parallel_loads_into_one_register_the_first_named_stays(assemble, text, expected):
+    cpu = Cpu()
+    cpu.load(assemble(text), 0)
+    cpu.reg["AR0"], cpu.reg["AR1"], cpu.r[2], cpu.r[3] = 0x100, 0x101, 0x99, 0x55_0000_0000
+    cpu.memory[0x100], cpu.memory[0x101] = 0x1234_5678, 0x0ABC_DEF0
+    cpu.step()
+    assert cpu.r[3] == expected
+
+
 def test_conditional_load_changes_no_flag_and_always_moves_its_pointer(assemble):
     cpu = Cpu()
     cpu.load(assemble("LDIZ *AR0++,R0\nLDINZ *AR0++,R0\nLDFNZ 2.0,R1\nLDFZ 3.0,R2"), 0)

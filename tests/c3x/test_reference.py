@@ -202,7 +202,7 @@ class Reference:
             results.append((name, slots[base + 2], *self.result(name, a, b, st_before)))
         for address, word in reversed(stores):
             self.memory[address] = word
-        for name, destination, value, _, _ in results:
+        for name, destination, value, _, _ in reversed(results):  # the first named of two loads into one register stays
             if destination.kind is not Kind.REGISTER or (name.endswith("_if") and not condition_holds):
                 continue
             old = self.registers[destination.register]
