@@ -22,8 +22,8 @@ from firmware_sim.jit import jit
 INTERRUPT_SOURCES: Final = 0xF3F
 """Bits of IE and IF that are interrupts of the CPU: INT0 to INT3, XINT0, RINT0, TINT0, TINT1, DINT0, DINT1 (3-12)."""
 FIRST_TRAP: Final = 0x20
-INTERRUPT_CYCLES: Final = 5
-"""As TRAP: the pipeline is emptied as for a branch, and the vector is read."""
+INTERRUPT_CYCLES: Final = 4
+"""Before the first instruction of the service: what enters it goes through the pipeline as a branch."""
 _EXTERNAL_INTERRUPTS: Final = 0xF
 
 

@@ -112,10 +112,10 @@ def test_an_event_is_requested_served_and_wakes_the_processor() -> None:
     recorder = Recorder("        LDI 4,IE\n        OR 6000h,ST\nwait:   IDLE\n        B wait")
     recorder.board.request_at(1000, INT2)
     recorder.board.run(recorder.processor, 2000)
-    # Taking the vector takes 5 cycles, the service 2 NOP and RETI (4), the branch 4 and IDLE 1.
-    assert recorder.changes(REQUESTS + INT2) == [(1000, 1), (1005, 0)]
-    assert recorder.changes(SERVICES + INT2) == [(1005, 1), (1011, 0)]
-    assert recorder.changes(BUSY)[1:] == [(1000, 1), (1016, 0)]
+    # Taking the vector takes 4 cycles, the service 2 NOP and RETI (4), the branch 4 and IDLE 1.
+    assert recorder.changes(REQUESTS + INT2) == [(1000, 1), (1004, 0)]
+    assert recorder.changes(SERVICES + INT2) == [(1004, 1), (1010, 0)]
+    assert recorder.changes(BUSY)[1:] == [(1000, 1), (1015, 0)]
 
 
 def test_nothing_is_lost_when_the_array_is_handed_out_in_between() -> None:

@@ -277,7 +277,7 @@ def test_an_interrupt_pushes_the_next_address_and_clears_gie_until_reti(interrup
     cpu.step()
     cpu.request_interrupt(0)
     cpu.step()
-    assert (cpu.pc, cpu.memory[0x8001], cpu.st & GIE, cpu.cycles) == (0x210, 0x101, 0, 1 + 5)
+    assert (cpu.pc, cpu.memory[0x8001], cpu.st & GIE, cpu.cycles) == (0x210, 0x101, 0, 1 + 4)
     steps(cpu, 2)
     assert (cpu.pc, cpu.reg["SP"], cpu.st & GIE) == (0x101, 0x8000, GIE)
 
@@ -336,11 +336,11 @@ def test_the_longest_stretch_with_interrupts_off_runs_from_the_vector_to_the_end
     cpu = interruptible()
     cpu.request_interrupt(0)
     steps(cpu, 2)
-    assert cpu.interrupts_off_max_cycles == 5 + 1  # it goes on
+    assert cpu.interrupts_off_max_cycles == 4 + 1  # it goes on
     steps(cpu, 1)
-    assert cpu.interrupts_off_max_cycles == 5 + 1 + 4
+    assert cpu.interrupts_off_max_cycles == 4 + 1 + 4
     steps(cpu, 20)
-    assert cpu.interrupts_off_max_cycles == 10
+    assert cpu.interrupts_off_max_cycles == 9
     cpu.reset()
     assert cpu.interrupts_off_max_cycles == 0
 
