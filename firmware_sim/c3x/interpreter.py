@@ -286,10 +286,13 @@ def interpret(
             r[destination] = _merged(r[destination], result, row.kept0)
             if destination >= ST and destination <= RC:
                 note_gate(s, st, r[ST], cycles)
+                starts_repeating = r[ST] & ~st & ST_RM
                 st = clear_cache(s, r) if r[ST] & ST_CC else r[ST]
-                if st & ST_RM and signed(r[RC]) <= 0 and destination == ST:
+                if starts_repeating and r[RC] + 1 & WORD_MASK <= 1:
                     st &= ~ST_RM
                     r[ST] = st
+                if not st & ST_RM:
+                    s.is_single_repeat = 0
                 watched = _end_of_stretch(s, r)
                 limit = 0
             st = st & ~np.int64(row.replaced_flags) | result >> FLAGS_LOW & row.raised_flags

@@ -170,6 +170,31 @@ def test_nested_blocks_with_saved_registers(cpu_with):
     assert (cpu.r[0], cpu.r[1], cpu.pc) == (12, 3, 0x10F)
 
 
+def test_a_write_to_the_status_in_the_last_round_does_not_end_the_repeat_before_its_end(cpu_with):
+    """RM that is set already stays: RC is 0 in the last round of every repeat."""
+    cpu = cpu_with("LDI 1,RC\nRPTB 0x104\nADDI 1,R0\nOR 0x80,ST\nADDI 1,R1\nLDI 7,R2")
+    cpu.run(1 + 4 + 2 * 3 + 1)
+    assert (cpu.r[0], cpu.r[1], cpu.r[2], cpu.reg["RC"], cpu.st & RM) == (2, 2, 7, 0xFFFF_FFFF, 0)
+
+
+@pytest.mark.parametrize(("count", "is_set"), [(0, False), (-1, False), (1, True), (-2, True), (-(1 << 31), True)])
+def test_the_status_sets_rm_unless_rc_is_0_or_minus_1(cpu_with, count, is_set):
+    cpu = cpu_with("LDI R0,ST")
+    cpu.r[0], cpu.reg["RC"] = RM, count & 0xFFFF_FFFF
+    cpu.step()
+    assert cpu.st == (RM if is_set else 0)
+
+
+def test_an_instruction_that_ends_its_own_repetition_lets_interrupts_in_again(cpu_with):
+    cpu = cpu_with("RPTS 9\nLDI R0,ST\nNOP\nNOP")
+    cpu.r[0], cpu.reg["IE"], cpu.memory[1] = GIE, 1, 0x4000
+    steps(cpu, 2)
+    assert (cpu.pc, cpu.st) == (0x102, GIE)
+    cpu.request_interrupt(0)
+    cpu.step()
+    assert cpu.pc == 0x4000
+
+
 # Branches -------------------------------------------------------------------------------------------------------
 
 
