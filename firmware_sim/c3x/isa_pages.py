@@ -4,7 +4,7 @@ The whole chapter was not at hand. Its descriptions are in alphabetical order an
 that were read fix many of the others. Each table says how far its pages can be trusted.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 # fmt: off
 READ: Final = {
@@ -34,24 +34,32 @@ PLACED: Final = {
 """The likeliest place in a gap of several: an integer operation takes one page, one of floats two, a multiplication
 with an addition four. It may be a page off."""
 
-UNPLACED: Final = {
+BETWEEN: Final = {
     **dict.fromkeys(
-        ("ABSF", "ABSF||STF", "ABSI", "ABSI||STI", "ADDC", "ADDC3", "ADDF"),
-        "before the first page that was read: the page on which the descriptions begin is not known",
+        ("ABSF", "ABSF||STF", "ABSI", "ABSI||STI", "ADDC", "ADDC3", "ADDF"), (32, 52)
     ),
-    **dict.fromkeys(
-        ("IDLE", "IDLE2"), "between pages 107 and 112: each of two may take one page or two",
-    ),
+    **dict.fromkeys(("IDLE", "IDLE2"), (108, 111)),
     **dict.fromkeys(
         ("LDF||LDF", "LDF||STF", "LDFI", "LDF{c}", "LDI", "LDI||LDI", "LDI||STI", "LDII", "LDI{c}", "LDM", "LDP"),
-        "between pages 114 and 135, none of which was read: some take two pages; the order of the pairs is not known",
+        (115, 134),
     ),
-    **dict.fromkeys(
-        ("RPTS", "SIGI", "STF", "STF||STF", "STFI", "STI", "STI||STI", "STII"),
-        "between pages 209 and 223, none of which was read: as above",
-    ),
+    **dict.fromkeys(("RPTS", "SIGI", "STF", "STF||STF", "STFI", "STI", "STI||STI", "STII"), (210, 222)),
 }
-"""Instructions whose page cannot be said, with the reason."""
+"""The first and the last page on which the description may begin: none of these was read, and some take two pages."""
 # fmt: on
 
-PAGES: Final = {**READ, **BRACKETED, **PLACED}
+_UNSURE: Final = 1
+
+
+class Pages(NamedTuple):
+    """The first and the last page on which a description may begin: the same where it is known."""
+
+    first: int
+    last: int
+
+
+PAGES: Final = {
+    **{name: Pages(page, page) for name, page in {**READ, **BRACKETED}.items()},
+    **{name: Pages(page - _UNSURE, page + _UNSURE) for name, page in PLACED.items()},
+    **{name: Pages(*pages) for name, pages in BETWEEN.items()},
+}

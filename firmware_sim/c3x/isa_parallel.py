@@ -30,8 +30,8 @@ def _pair(
 ) -> Row:
     operands = tuple(Place(form, (slot,)) for form, slot in forms)
     operations = tuple(name.removesuffix("3").lower() for name in names)
-    page = PAGES.get("||".join(names))
-    return Row(names, pattern, operands, syntaxes, operations, Shape.PARALLEL, page, may_omit_last=True)
+    pages = PAGES["||".join(names)]
+    return Row(names, pattern, operands, syntaxes, operations, Shape.PARALLEL, pages, may_omit_last=True)
 
 
 def _two_loads(name: str, pattern: int) -> Row:

@@ -1,7 +1,7 @@
 """The rows of the instruction table that are one operation: one function per shape of instruction, then the names.
 
-The bits of a shape are those of SPRU031 section 13.4; ``page`` is the printed page of chapter 13 on which the
-description of an instruction begins, as far as ``isa_pages`` knows it. Cycles are the manual's, without conflicts.
+The bits of a shape are those of SPRU031 section 13.4; ``pages`` are the printed pages of chapter 13 between
+which the description of an instruction begins, one page where ``isa_pages`` knows it. Cycles are the manual's, without conflicts.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from firmware_sim.c3x.forms import (
     ShortIndirect,
     TrapNumber,
 )
-from firmware_sim.c3x.isa_pages import PAGES
+from firmware_sim.c3x.isa_pages import PAGES, Pages
 from firmware_sim.c3x.registers import AR0, DP, REGISTER_NAMES
 
 SLOTS: Final = 6
@@ -67,7 +67,7 @@ class Row:
     syntaxes: tuple[tuple[tuple[int, ...], ...], ...]
     operations: tuple[str, ...]
     shape: Shape
-    page: int | None
+    pages: Pages
     cycles: int = 1
     condition_low: int | None = None
     may_omit_last: bool = False
@@ -123,7 +123,7 @@ def _row(
     name: str, pattern: int, operands: tuple[Place, ...], operation: str, shape: Shape, cycles: int = 1, **rest: Any
 ) -> Row:
     syntax = (tuple(range(len(operands))),)
-    return Row((name,), pattern, operands, (syntax,), (operation,), shape, PAGES.get(name), cycles, **rest)
+    return Row((name,), pattern, operands, (syntax,), (operation,), shape, PAGES[name], cycles, **rest)
 
 
 def _general_row(name: str, code: int, source: Form, register: Form, slots: tuple[int, ...]) -> Row:
@@ -226,7 +226,7 @@ _CONDITIONAL_LOADS: Final = tuple(
 )
 
 _LDP_ROWS: Final = tuple(
-    Row(("LDP",), pattern, operands, (syntax,), ("ldi_if",), Shape.GENERAL, PAGES.get("LDP"), is_alias=True)
+    Row(("LDP",), pattern, operands, (syntax,), ("ldi_if",), Shape.GENERAL, PAGES["LDP"], is_alias=True)
     for pattern, operands, syntax in (
         (0x5060_0000 | DP << 16, (Place(Page(), (0,)),), ((0,),)),
         (0x5060_0000, (Place(Page(), (0,)), Place(_ANY_REGISTER, (2,))), ((0, 1),)),
