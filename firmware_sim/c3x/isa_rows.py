@@ -1,7 +1,8 @@
 """The rows of the instruction table that are one operation: one function per shape of instruction, then the names.
 
 The bits of a shape are those of SPRU031 section 13.4; ``pages`` are the printed pages of chapter 13 between
-which the description of an instruction begins, one page where ``isa_pages`` knows it. Cycles are the manual's, without conflicts.
+which the description of an instruction begins, one page where ``isa_pages`` knows it. Cycles are the manual's, without
+conflicts.
 """
 
 from __future__ import annotations
