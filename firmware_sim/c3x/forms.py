@@ -297,9 +297,9 @@ class Relative(Form):
         if not is_expression(text, scope):
             return None
         target = parse_integer(text, scope, -(1 << 24), 0xFF_FFFF, "an address")
-        if scope.evaluate(text).is_unknown:
-            return Operand(Kind.RELATIVE)  # 0 stands for the distance as it does for the address
         distance = signed((target - scope.address - self.origin) & 0xFF_FFFF, 24)
+        if scope.evaluate(text).is_unknown:  # its distance is a linker's; the one from the 0 meanwhile is never too far
+            return Operand(Kind.RELATIVE, value=signed(distance & 0xFFFF, 16))
         if not -0x8000 <= distance <= 0x7FFF:
             raise OperandError(f"a target from -32768 to 32767 words away was expected, found {text} ({distance} away)")
         return Operand(Kind.RELATIVE, value=distance)
