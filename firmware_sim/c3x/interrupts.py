@@ -41,10 +41,16 @@ def note_gate(s: Any, before: int, after: int, cycles: int) -> None:
 
 
 @jit
-def pending_requests(s: Any, r: Any) -> int:
-    """The interrupt requests that are enabled and can be served now, as bits."""
+def request_by_level(s: Any, r: Any) -> None:
+    """Of INT0 to INT3 that are active, unless edges request: IF shows them for as long as they are (7-32)."""
     if not r[ST] & ST_EDGE:
         r[IF] |= s.active_lines
+
+
+@jit
+def pending_requests(s: Any, r: Any) -> int:
+    """The interrupt requests that are enabled and can be served now, as bits."""
+    request_by_level(s, r)
     pending = r[IF] & r[IE] & INTERRUPT_SOURCES
     if s.is_idle == 2:
         pending &= _EXTERNAL_INTERRUPTS
@@ -80,6 +86,7 @@ def enter_service(s: Any, r: Any, memory: Any, pages: Any, kinds: Any, pending: 
     store_word(s, memory, kinds, index, pc)
     r[SP] = r[SP] & ~ADDRESS_MASK | top
     r[IF] &= ~(1 << number)
+    request_by_level(s, r)
     r[ST] &= ~ST_GIE
     s.is_idle = 0
     return target

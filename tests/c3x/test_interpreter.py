@@ -402,6 +402,16 @@ def test_a_request_by_the_program_itself(interruptible):
     assert (cpu.r[0], cpu.r[7]) == (0, 3)
 
 
+@pytest.mark.parametrize(("status", "seen"), [(GIE, 1), (GIE | machine.ST_EDGE, 0)])
+def test_a_service_sees_its_level_in_if(cpu_with, status, seen):
+    cpu = cpu_with("NOP\nNOP\nLDI IF,R0\nNOP")
+    cpu.run(4)  # the words are decoded: nothing stops the loop between the entry and the service
+    cpu.pc, cpu.memory[1], cpu.reg["IE"], cpu.st = 0x100, 0x102, 1, status
+    machine.set_interrupt_line(cpu.state, cpu.registers, 0, True)
+    cpu.run(5)
+    assert (cpu.reg["SP"], cpu.r[0]) == (0x8001, seen)
+
+
 def test_an_edge_requests_once_and_a_level_for_as_long_as_it_is_active(interruptible):
     for is_edge, expected in ((True, 1), (False, 3)):
         cpu = interruptible()
