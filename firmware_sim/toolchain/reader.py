@@ -240,8 +240,7 @@ class SourceReader:
         return self._macros.get(name)
 
     def _expand(self, line: SourceLine, fields: Fields, macro: _Macro) -> None:
-        if fields.label:
-            self._owner.label(line, fields.label)
+        self._owner.statement(line, Fields(fields.label, "", ""))  # a listing shows the call above what it makes
         if self._macro_depth >= _DEEPEST:
             raise SourceError(f"at most {_DEEPEST} macros inside each other were expected", macro.name)
         arguments = [unquote(text) for text in split_operands(fields.operands)]
