@@ -30,11 +30,6 @@ def cycles_of(seconds: float | Fraction, h1_hz: int) -> int:
     return round((seconds if isinstance(seconds, Fraction) else exact(seconds)) * h1_hz)
 
 
-def seconds_of(cycles: int, h1_hz: int) -> float:
-    """Seconds in ``cycles`` of H1."""
-    return cycles / h1_hz
-
-
 @dataclass(frozen=True)
 class Oscillator:
     """A period of ``whole + part / den`` cycles, with ``0 <= part < den``."""

@@ -8,7 +8,7 @@ few shapes of instruction and many operations, so the rows come from one functio
 For the processor, ``Instruction.flat()`` is a tuple of ``len(FLAT_FIELDS)`` integers that fits into a row of an array:
 
 - ``row``: index into ``ROWS``;
-- ``operation``, ``operation2``: index into ``OPERATIONS``; the second is ``NO_OPERATION`` unless two are parallel;
+- ``operation``, ``operation2``: index into ``OPERATIONS``; the second is 0 unless two are parallel;
 - ``condition``: 0 to 20 as the table of conditions has it; 0 (always) for an instruction without one;
 - then ``SLOTS`` operands of four numbers each, ``kind, register, modification, value`` (see ``operands.Kind``). The
   value of a FLOAT is the 40-bit register value here.
@@ -48,7 +48,6 @@ from firmware_sim.errors import UsageError
 
 ROWS: Final = (*SINGLE_ROWS, *PARALLEL_ROWS)
 
-NO_OPERATION: Final = 0
 OPERATIONS: Final = ("", *dict.fromkeys(name for row in ROWS for name in row.operations))
 """The name of each operation by its index; index 0 is none."""
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_sim.board.clock import FAR_FUTURE, EventQueue, Oscillator, cycles_of, exact, later, seconds_of
+from firmware_sim.board.clock import FAR_FUTURE, EventQueue, Oscillator, cycles_of, exact, later
 
 H1_HZ = 25_000_000
 DAY_S = 86_400
@@ -19,7 +19,6 @@ def test_decimal_literals_are_exact() -> None:
 @pytest.mark.parametrize(("seconds", "cycles"), [(0.02, 500_000), (0.0125, 312_500), (1e-5, 250), (0.0, 0)])
 def test_cycles_of_seconds(seconds: float, cycles: int) -> None:
     assert cycles_of(seconds, H1_HZ) == cycles
-    assert seconds_of(cycles, H1_HZ) == seconds
 
 
 @pytest.mark.parametrize(
