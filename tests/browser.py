@@ -64,7 +64,7 @@ NAVIGATION = "[...navHost.tables.values()].find(table => table.layout.isNavigati
 @contextmanager
 def process(*arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, *map(str, arguments)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
         try:
             yield running
         finally:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import resource
 import struct
 import sys
 import zlib
@@ -20,6 +19,7 @@ from host.live.tables import Tables
 from host.log import MAGIC, VERSION
 from host.scan import crc32
 from host.source import Recording, open_source
+from tests.benchmarks.peak import peak_mib
 from tests.host.conftest import NAVIGATION, Flight, description, frame, payload
 
 RATE = 50
@@ -94,4 +94,4 @@ def open_for_drawing(path: Path) -> Tables:
 
 if __name__ == "__main__":
     open_for_drawing(Path(sys.argv[1]))
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    print(peak_mib())

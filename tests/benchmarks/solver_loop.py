@@ -12,7 +12,7 @@ SAMPLES = 1000
 def fly_a_second(
     counts: Int[1000, 6],
     sums: Int[12],
-    scale: Real[6],
+    scale: Real[30],
     q: Real[4],
     q_low: Real[4],
     velocity_p_mps: Real[3],
