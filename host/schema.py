@@ -6,7 +6,7 @@ The description frame (type 0) is specified in the interface control document.
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -141,6 +141,12 @@ class Layout:
         scales = np.array([each.scale for each in self.fields])
         return np.array(rows, dtype=np.int64), scales, next(numbers[False]), next(numbers[True])
 
+    @cached_property
+    def _places(self) -> list[tuple[str, bool, int]]:
+        """The name of each field, whether its values are whole numbers, and its row among those."""
+        plan = self._plan[0].tolist()
+        return [(each.name, not is_float, row) for each, (_, _, is_float, row) in zip(self.fields, plan, strict=True)]
+
     def rows_of(self, payloads: Sequence[bytes]) -> NDArray[np.uint8]:
         """Payloads of at least `size` bytes as rows of so many."""
         joined = bytearray().join(payload[: self.size] for payload in payloads)
@@ -152,8 +158,7 @@ class Layout:
         floats = np.empty((float_count, len(rows)))
         integers = np.empty((integer_count, len(rows)), np.int64)
         _scan().decode_payloads(rows, fields, scales, floats, integers)
-        columns: dict[bool, Iterator[NDArray[Any]]] = {True: iter(integers), False: iter(floats)}
-        return {each.name: next(columns[each.is_integer]) for each in self.fields}
+        return {name: (integers if is_integer else floats)[row] for name, is_integer, row in self._places}
 
     def decode(self, payloads: Sequence[bytes]) -> dict[str, NDArray[Any]]:
         """The same for payloads of at least `size` bytes."""
