@@ -285,7 +285,7 @@ class _Progress:
         text = f"{done_s:.0f} of {wanted_s:.0f} s flown ({done_s / wanted_s:.0%})"
         if self._terminal:
             print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
-        elif done_s and time.monotonic() - self._shown_s >= self._SECONDS_BETWEEN_LINES:
+        elif 0.0 < done_s < wanted_s and time.monotonic() - self._shown_s >= self._SECONDS_BETWEEN_LINES:
             self._shown_s = time.monotonic()
             say(text)
 
