@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -62,7 +63,8 @@ def run(
 
     ``open_line`` makes the line that takes the UART's bytes, once all else is known to be right; the run closes it
     (without one the bytes are dropped). ``progress`` is called with virtual seconds done and wanted, and may raise
-    FlightEndedError; ``announce`` with a sentence when something takes its time.
+    FlightEndedError, also while the line's reader is waited for; ``announce`` with a sentence when something takes
+    its time.
 
     Raises UsageError for what cannot be run.
     """
@@ -70,7 +72,7 @@ def run(
 
 
 class FlightEndedError(Exception):
-    """Raised by a caller's ``progress``: the flight ends there, and its report is of what was flown."""
+    """Raised by a caller's ``progress``: flight and line end there, and the report is of what was flown."""
 
 
 def ignore(*_: Any) -> None:
@@ -113,7 +115,6 @@ class BoardRun(ABC):
             self.progress(0.0, self.duration_s)
             # To just before the next tick: the last frame has the time to leave.
             self._fly_until((ticks + 1) * self.sheet.tick_cycles - 1)
-            self.progress(self.duration_s, self.duration_s)
         except FlightEndedError:
             ticks = min(ticks, self.board.now // self.sheet.tick_cycles)
             is_whole = False
@@ -121,7 +122,8 @@ class BoardRun(ABC):
             is_whole = True
         wall_s = time.monotonic() - began_s
         if is_whole:
-            self._drain()
+            with contextlib.suppress(FlightEndedError):
+                self._drain()
         self.line.close()
         report = self._report(wall_s, ticks * self.sheet.tick_cycles / self.sheet.h1_hz)
         report["is_whole"] = is_whole
@@ -136,7 +138,7 @@ class BoardRun(ABC):
             self._run_slice(min(end, self.board.now + slice_cycles))
             self._serve_line()
             if pacer:
-                pacer.wait_until(self.board.now / self.sheet.h1_hz, self.line)
+                pacer.wait_until(self.board.now / self.sheet.h1_hz, self.line, self._show_progress)
             self._show_progress()
 
     def _show_progress(self) -> None:
@@ -145,11 +147,12 @@ class BoardRun(ABC):
             self.progress(min(self.board.now / self.sheet.h1_hz, self.duration_s), self.duration_s)
 
     def _drain(self) -> None:
+        self.progress(self.duration_s, self.duration_s)
         if held := self.line.ledger.held:
             self.announce(
                 f"{held} bytes wait for their reader, for up to {self.sheet.line.linger_s:g} s after its last read"
             )
-        self.line.drain(self.sheet.line.linger_s)
+        self.line.drain(self.sheet.line.linger_s, self._show_progress)
 
     @abstractmethod
     def _prepare(self) -> None:

@@ -190,6 +190,7 @@ def _run(options: argparse.Namespace) -> int:
     try:
         open_line = functools.partial(_open_line, options, flight)
         report = fly(flight, open_line=open_line, progress=progress.show, announce=say)
+        was_ended = _flying.is_to_end
     finally:
         _flying.reset()
         progress.clear()
@@ -197,7 +198,7 @@ def _run(options: argparse.Namespace) -> int:
     if "report" in outputs:
         report.write(outputs["report"])
     show(report.table())
-    if not report["is_whole"]:
+    if was_ended:
         say(f"interrupted after {report['duration_s']:.2f} s of flight")
         return INTERRUPTED
     if not report.within_budget:
@@ -279,7 +280,7 @@ class _Progress:
 
         if _ends:
             raise _ends[0]
-        _flying.is_under_way = done_s < wanted_s and not _flying.is_to_end
+        _flying.is_under_way = True
         if _flying.is_to_end:
             raise FlightEndedError
         text = f"{done_s:.0f} of {wanted_s:.0f} s flown ({done_s / wanted_s:.0%})"

@@ -200,7 +200,7 @@ def test_an_interrupted_flight_is_reported_as_far_as_it_went(tmp_path):
 
 
 def test_a_second_interrupt_does_not_wait_for_the_flight(capsys, monkeypatch):
-    """As where a board at a tiny part of real time looks at nothing for hours."""
+    """As where a slice takes long, or a compiler in it."""
 
     def flying(*_, progress, **__):
         progress(0.0, 60.0)
@@ -212,17 +212,20 @@ def test_a_second_interrupt_does_not_wait_for_the_flight(capsys, monkeypatch):
     assert status_and_sentence(capsys, "run", "static", *SHORT) == (130, "firmware-sim: interrupted\n")
 
 
-def test_an_interrupt_behind_the_flight_does_not_wait_either(capsys, monkeypatch):
-    """The reader of the line is waited for, and nobody looks at signals."""
-
-    def flying(*_, progress, **__):
-        progress(0.0, 60.0)
-        progress(60.0, 60.0)
-        signal.raise_signal(signal.SIGINT)
-        time.sleep(PATIENCE_S)
-
-    monkeypatch.setattr("firmware_sim.bench.run", flying)
-    assert status_and_sentence(capsys, "run", "static", *SHORT) == (130, "firmware-sim: interrupted\n")
+def test_an_interrupt_while_a_reader_is_waited_for_keeps_the_report(tmp_path):
+    board, link, reported = tmp_path / "board.toml", tmp_path / "line", tmp_path / "report.json"
+    board.write_text("[line]\nlinger_s = 3600.0\n")
+    with start("run", "static", *SHORT, "--board", board, "--pty", link, "--report", reported) as process:
+        while "wait for their reader" not in process.stderr.readline():
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+    report = json.loads(reported.read_text())
+    assert process.returncode == 130
+    assert said == f"firmware-sim: interrupted after {report['duration_s']:.2f} s of flight\n"
+    assert report["is_whole"]
+    assert report["line"]["held"] == report["line"]["sent"] > 0
+    assert not link.is_symlink()
 
 
 def test_an_interrupt_that_is_lost_while_numba_compiles_is_none_the_less_one(capsys, monkeypatch):

@@ -30,6 +30,11 @@ DROP_WINDOW_BYTES = 4096
 MEMORY_LIMIT_BYTES = 16 * 2**20
 _SHORTEST_NAP_S, _LONGEST_NAP_S = 1e-4, 1e-2
 _ATTACH_LOOK_S = 5e-3
+_LONGEST_WAIT_S = 0.1
+
+
+def _nothing() -> None:
+    """For a caller who does not look."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +62,10 @@ class Line(Protocol):
     def idle(self, seconds: float) -> None:
         """Wait at most that long and serve the line meanwhile; ends early when the line becomes ready."""
 
-    def drain(self, patience_s: float, progress: Callable[[Ledger], None] | None = None) -> None:
+    def drain(self, patience_s: float, look: Callable[[], None] = _nothing) -> None:
         """Serve until everything is read, or until no byte was read for `patience_s`.
 
-        `progress` is called with the ledger each time the reader has taken something.
+        `look` is called meanwhile, many times a second, and may end it by an exception.
         """
 
     @property
@@ -90,7 +95,7 @@ class _Counted:
     def idle(self, seconds: float) -> None:
         sleep(max(0.0, seconds))
 
-    def drain(self, patience_s: float, progress: Callable[[Ledger], None] | None = None) -> None:
+    def drain(self, patience_s: float, look: Callable[[], None] = _nothing) -> None:
         """Nothing waits in this line."""
 
     def close(self) -> None:
@@ -235,16 +240,15 @@ class PtyLine(_Counted):
             self._nap(left)
             self._serve()
 
-    def drain(self, patience_s: float, progress: Callable[[Ledger], None] | None = None) -> None:
+    def drain(self, patience_s: float, look: Callable[[], None] = _nothing) -> None:
         self._serve()
         seen, quiet_since = self._seen_read(), monotonic()
         while self._held() and (left := quiet_since + patience_s - monotonic()) > 0:
             self._nap(left)
             self._serve()
+            look()
             if self._seen_read() != seen:
                 seen, quiet_since = self._seen_read(), monotonic()
-                if progress:
-                    progress(self.ledger)
 
     def close(self) -> None:
         """Take back what the attached reader has not read (it stays held), take the link away, check the ledger."""
@@ -333,12 +337,16 @@ class Pacer:
         self._began_s: float | None = None
         self.late_s = self.worst_late_s = 0.0
 
-    def wait_until(self, virtual_s: float, line: Line) -> None:
-        """Wait, serving the line, until the wall clock has come to `virtual_s` seconds of virtual time."""
+    def wait_until(self, virtual_s: float, line: Line, look: Callable[[], None] = _nothing) -> None:
+        """Wait, serving the line, until the wall clock has come to `virtual_s` seconds of virtual time.
+
+        `look` is called meanwhile, about ten times a second, and may end it by an exception.
+        """
         due_s = virtual_s / self._ratio
         if self._began_s is None:
             self._began_s = monotonic() - due_s
         while (left := self._began_s + due_s - monotonic()) > 0:
-            line.idle(left)
+            line.idle(min(left, _LONGEST_WAIT_S))
+            look()
         self.late_s = -left
         self.worst_late_s = max(self.worst_late_s, self.late_s)

@@ -396,17 +396,27 @@ def test_drain_gives_up_when_nobody_reads():
     assert line.ledger == Ledger(sent=6, read=0, held=6, dropped=0)
 
 
-def test_drain_tells_its_progress():
-    told = []
-    data = bytes(5000)
+class EndedError(Exception):
+    pass
+
+
+def ended_at(count):
+    """What ends a wait at its ``count``-th call."""
+    calls = iter(range(count - 1))
+
+    def look():
+        if next(calls, None) is None:
+            raise EndedError
+
+    return look
+
+
+def test_a_drain_looks_while_nobody_reads():
     with closing(PtyLine()) as line:
-        line.write(data)
-        cat = subprocess.Popen(["cat", line.device], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        line.drain(GUARD_S, told.append)
-        cat.terminate()
-        cat.wait()
-    assert told[-1] == Ledger(sent=5000, read=5000, held=0, dropped=0)
-    assert all(balanced(ledger) for ledger in told)
+        line.write(b"unread")
+        with pytest.raises(EndedError):
+            line.drain(GUARD_S, ended_at(3))
+    assert line.ledger == Ledger(sent=6, read=0, held=6, dropped=0)
 
 
 def test_what_an_attached_reader_has_not_read_at_close_is_held():
@@ -610,6 +620,14 @@ def test_pacer_tells_lateness_and_catches_up(clock_line):
     assert clock_line.now_s == pytest.approx(51.0)
     assert pacer.late_s == pytest.approx(0.0, abs=1e-9)
     assert pacer.worst_late_s == pytest.approx(0.15)
+
+
+def test_pacer_looks_during_a_long_wait(clock_line):
+    pacer = Pacer(1e-6)
+    pacer.wait_until(0.0, clock_line)
+    with pytest.raises(EndedError):
+        pacer.wait_until(0.01, clock_line, ended_at(10))
+    assert clock_line.now_s < 52.0
 
 
 @pytest.mark.parametrize("ratio", [0.0, -1.0, float("inf"), float("nan")])
