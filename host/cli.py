@@ -92,10 +92,16 @@ _MOMENT_S = 0.02
 def _interrupt(number: int, frame: FrameType | None) -> None:
     if _is_in_llvm(frame):
         # What is raised while LLVM calls back is lost, and what it leaves undone may crash: a moment later is as good.
-        threading.Timer(_MOMENT_S, signal.pthread_kill, (threading.get_ident(), number)).start()
+        threading.Timer(_MOMENT_S, _interrupt_again, (threading.get_ident(), number)).start()
         return
     _interrupts.append(number)
     raise KeyboardInterrupt
+
+
+def _interrupt_again(thread: int, number: int) -> None:
+    # Another signal may have ended the command meanwhile; this one would meet the handlers of the caller.
+    if not _interrupts:
+        signal.pthread_kill(thread, number)
 
 
 def _is_in_llvm(frame: FrameType | None) -> bool:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from importlib.metadata import version
@@ -177,6 +178,30 @@ def test_an_interrupt_while_llvm_calls_back_waits_for_its_return(
     assert main(["stats", str(place / "line")]) == 130
     assert capsys.readouterr().err == "nav-host: interrupted\n"
     assert returned == [True]
+
+
+def test_an_interrupt_that_waits_for_llvm_is_forgotten_when_another_one_ends_the_command(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Behind the end the handlers of the caller would meet it, at the interpreter's end with a traceback."""
+    scope: dict[str, Any] = {}
+    exec(compile("def call(back):\n    back()", "site-packages/llvmlite/binding/executionengine.py", "exec"), scope)
+    met: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: met.append(number))
+
+    def compiling(*_: object) -> None:
+        scope["call"](lambda: signal.raise_signal(signal.SIGINT))
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr("host.analysis.survey", compiling)
+    try:
+        assert main(["stats", str(place / "line")]) == 130
+        for thread in threading.enumerate():
+            if isinstance(thread, threading.Timer):
+                thread.join()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert met == []
 
 
 def test_the_handlers_of_the_caller_come_back(place: Path) -> None:
