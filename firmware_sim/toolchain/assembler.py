@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_sim.c3x.isa import InstructionError, encode
-from firmware_sim.c3x.operands import OperandError
+from firmware_sim.c3x.operands import OperandError, parse_integer
 from firmware_sim.errors import UsageError
 from firmware_sim.toolchain import data
 from firmware_sim.toolchain.diagnostics import AssemblyError, Diagnostic, ErrorLog, SourceError, SourceLine
@@ -22,7 +22,7 @@ from firmware_sim.toolchain.expressions import ABSOLUTE, Value
 from firmware_sim.toolchain.image import Image, Section, SectionKind, Symbol
 from firmware_sim.toolchain.module import Module, export
 from firmware_sim.toolchain.reader import read_source
-from firmware_sim.toolchain.sections import Bits, Code, Data, Fill, Item, Part, Words, place
+from firmware_sim.toolchain.sections import MEMORY_WORDS, Bits, Code, Data, Fill, Item, Part, Words, place
 from firmware_sim.toolchain.symbols import Context, Label, Program, Register
 
 _ENTRY_NAMES: Final = ("_c_int00", "c_int00")
@@ -251,17 +251,24 @@ def _chosen_entry(modules: Sequence[Module], errors: ErrorLog) -> int | None:
         if module.entry is not None:
             line, text = module.entry
             try:
-                return Context(module.symbols, module.parts[".text"], 0, 0).integer(text)
+                context = Context(module.symbols, module.parts[".text"], 0, 0)
+                return parse_integer(text, context, 0, MEMORY_WORDS - 1, "an address")
             except OperandError as error:
                 errors.add(line, SourceError(str(error), text))
     return None
 
 
 def _entry(program: Program, sections: Mapping[str, Section]) -> int | None:
-    """Where execution starts without .entry: at TI's name for it, or else with the first word of .text."""
+    """Where execution starts without .entry: at TI's name for it, or else with the first word of .text.
+
+    Raises UsageError when that name is no address.
+    """
     for name in _ENTRY_NAMES:
         if name in program.globals:
-            return int(program.globals[name].number)
+            number = program.globals[name].number
+            if not isinstance(number, int) or not 0 <= number < MEMORY_WORDS:
+                raise UsageError(f"{name} was expected to be an address below {MEMORY_WORDS:X}h, found {number}")
+            return number
     return sections[".text"].address if ".text" in sections else None
 
 

@@ -367,6 +367,9 @@ def test_what_nobody_defines_counts_as_zero() -> None:
 def test_entry_is_the_c_start_or_the_first_instruction() -> None:
     assert assemble(" NOP\n .global _c_int00\n_c_int00 NOP\n").entry == 1
     assert assemble(" .data\n .word 1\n").entry is None
+    for value in ("-1", "1000000h", "1.5"):
+        with pytest.raises(UsageError, match="_c_int00 was expected to be an address below 1000000h, found"):
+            assemble(f" .global _c_int00\n_c_int00 .set {value}\n")
 
 
 def test_the_linker_names_sections() -> None:

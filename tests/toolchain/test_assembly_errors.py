@@ -66,6 +66,7 @@ from firmware_sim.toolchain.diagnostics import AssemblyError
         (" .start x", "1:2", "the name of a section and an address were expected after .start"),
         (" .entry", "1:2", "a label was expected after .entry"),
         (" .entry nobody", "1:9", "a defined name was expected, found nobody"),
+        (" .entry -1", "1:9", "an address from 0 to 16777215 was expected, found -1"),
         (" .asg 5", "1:7", "a text and a name were expected, found 5"),
         (' .emsg "wrong board"', "1:2", "wrong board"),
         (" .endstruct", "1:2", ".struct was expected before .endstruct"),
