@@ -189,7 +189,7 @@ def _run(options: argparse.Namespace) -> int:
     progress = _Progress()
     try:
         open_line = functools.partial(_open_line, options, flight)
-        report = fly(flight, open_line=open_line, progress=progress.show, announce=say)
+        report = fly(flight, open_line=open_line, progress=progress.show, announce=progress.announce)
         was_ended = _flying.is_to_end
     finally:
         _flying.reset()
@@ -289,6 +289,10 @@ class _Progress:
         elif 0.0 < done_s < wanted_s and time.monotonic() - self._shown_s >= self._SECONDS_BETWEEN_LINES:
             self._shown_s = time.monotonic()
             say(text)
+
+    def announce(self, sentence: str) -> None:
+        self.clear()
+        say(sentence)
 
     def clear(self) -> None:
         if self._terminal:

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -297,6 +298,14 @@ def test_bytes_that_nobody_reads_are_held_and_said(capsys, tmp_path):
     assert status == 0
     assert "bytes wait for their reader" in printed.err
     assert "0 read" in printed.out
+
+
+def test_a_sentence_takes_the_place_of_the_progress_on_a_terminal(capsys, tmp_path, monkeypatch):
+    board = tmp_path / "board.toml"
+    board.write_text("[line]\nlinger_s = 0.0\n")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    _, said = status_and_sentence(capsys, "run", "static", *SHORT, "--pty", tmp_path / "line", "--board", board)
+    assert re.search(r"flown \(100%\)\x1b\[K\r\x1b\[Kfirmware-sim: \d+ bytes wait for their reader", said)
 
 
 def test_help_does_not_wait_for_numba():
