@@ -7,6 +7,7 @@ interrupted.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import signal
 import sys
@@ -285,7 +286,7 @@ class _Progress:
             raise FlightEndedError
         text = f"{done_s:.0f} of {wanted_s:.0f} s flown ({done_s / wanted_s:.0%})"
         if self._terminal:
-            print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
+            self._put(text)
         elif 0.0 < done_s < wanted_s and time.monotonic() - self._shown_s >= self._SECONDS_BETWEEN_LINES:
             self._shown_s = time.monotonic()
             say(text)
@@ -296,7 +297,12 @@ class _Progress:
 
     def clear(self) -> None:
         if self._terminal:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+            self._put("")
+
+    def _put(self, text: str) -> None:
+        # As `say`: the flight goes on when its terminal is gone.
+        with contextlib.suppress(OSError):
+            print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -308,6 +308,23 @@ def test_a_sentence_takes_the_place_of_the_progress_on_a_terminal(capsys, tmp_pa
     assert re.search(r"flown \(100%\)\x1b\[K\r\x1b\[Kfirmware-sim: \d+ bytes wait for their reader", said)
 
 
+def test_a_flight_goes_on_when_its_terminal_is_gone(tmp_path):
+    keyboard, terminal = os.openpty()
+    reported = tmp_path / "report.json"
+    arguments = ["run", "static", "--engine", "double", "--duration", "1.5", "--rt", "1", "--report", str(reported)]
+    command = [sys.executable, "-m", "firmware_sim.cli", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal, text=True) as process:
+        os.close(terminal)
+        shown = b""
+        while b"flown" not in shown:
+            shown += os.read(keyboard, 1000)
+        os.close(keyboard)
+        printed, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
+    assert "navigation cycles" in printed
+    assert json.loads(reported.read_text())["is_whole"]
+
+
 def test_help_does_not_wait_for_numba():
     command = "import sys\nfrom firmware_sim import cli\n"
     command += "try:\n cli.main(['--help'])\nexcept SystemExit:\n print('numba' in sys.modules)"
