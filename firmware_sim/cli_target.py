@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from firmware_sim.cli_output import say, show
 from firmware_sim.errors import UsageError
+from firmware_sim.whole_file import reason_of, write_whole
 
 if TYPE_CHECKING:
     from firmware_sim.bench import Flight
@@ -278,8 +279,8 @@ def _line() -> str:
 
 
 def write_file(name: str, data: bytes) -> None:
-    """Write a file. Raises UsageError, naming it, where that fails."""
+    """Write a file, whole or not at all. Raises UsageError, naming it, where that fails."""
     try:
-        Path(name).write_bytes(data)
-    except OSError as error:
-        raise UsageError(f"{name}: expected a file that can be written, found: {error.strerror}") from None
+        write_whole(Path(name), data)
+    except (OSError, RuntimeError) as error:
+        raise UsageError(f"{name}: expected a file that can be written, found: {reason_of(error)}") from None

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_sim.errors import UsageError
+from firmware_sim.whole_file import beside, reason_of, write_whole
 
 EARTH_RADIUS_M = 6378137.0
 ERROR_NAMES = ("horizontal_m", "velocity_mps", "attitude_arcmin")
@@ -57,22 +57,8 @@ def _wrapped(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
 
 
-@contextlib.contextmanager
-def _beside(target: Path) -> Iterator[Path]:
-    """A file to write beside another, gone at the end unless it has taken its place."""
-    partial = target.with_name(f".report.{os.getpid()}")
-    try:
-        yield partial
-    finally:
-        partial.unlink(missing_ok=True)
-
-
 def _refusal(path: Path, reason: str) -> UsageError:
     return UsageError(f"{path}: expected the path of a file that can be written for the report, found: {reason}")
-
-
-def _reason(error: OSError | RuntimeError) -> str:
-    return str(error.strerror) if isinstance(error, OSError) else "a link that leads to itself"
 
 
 def check_place(path: Path) -> None:
@@ -81,10 +67,10 @@ def check_place(path: Path) -> None:
         target = path.resolve()
         is_there = target.exists()
         if not is_there or target.is_file():
-            with _beside(target) as partial:
+            with beside(target) as partial:
                 partial.touch()
     except (OSError, RuntimeError) as error:
-        raise _refusal(path, _reason(error)) from None
+        raise _refusal(path, reason_of(error)) from None
     if target.is_dir():
         raise _refusal(path, "a folder")
     if is_there and not os.access(target, os.W_OK):
@@ -151,17 +137,10 @@ class Report(dict[str, Any]):
 
         Raises UsageError when the file cannot be written.
         """
-        text = json.dumps(self, indent=2) + "\n"
         try:
-            target = path.resolve()
-            if target.exists() and not target.is_file():
-                target.write_text(text, encoding="utf-8")
-                return
-            with _beside(target) as partial:
-                partial.write_text(text, encoding="utf-8")
-                partial.replace(target)
+            write_whole(path, (json.dumps(self, indent=2) + "\n").encode())
         except (OSError, RuntimeError) as error:
-            raise _refusal(path, _reason(error)) from None
+            raise _refusal(path, reason_of(error)) from None
 
     def table(self) -> str:
         """The report in a few lines for a terminal."""
