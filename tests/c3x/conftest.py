@@ -9,13 +9,14 @@ import pytest
 from firmware_sim.c3x import isa
 from firmware_sim.c3x.cpu import Cpu
 from firmware_sim.c3x.machine import ON_CHIP
-from firmware_sim.c3x.memory import MemoryMap, Region
+from firmware_sim.c3x.memory import BARE, MemoryMap, Region
 from firmware_sim.c3x.operands import Number
 from firmware_sim.c3x.registers import REGISTER_CODES
 
 BLOCK_0, BLOCK_1 = 0x87FE00, 0x87FF00
 PROGRAM_ON_CHIP = BLOCK_1 + 0x80
 EXTERNAL = 0x1000
+GIE = 1 << 13
 LEAD_IN = "NOP\nNOP\nNOP\nNOP\n"
 
 
@@ -47,6 +48,11 @@ def _word(line: str, address: int) -> int:
     return isa.parse(statements, _Scope(address)).word
 
 
+def steps(cpu, count):
+    for _ in range(count):
+        cpu.step()
+
+
 @pytest.fixture(scope="session")
 def assemble() -> Callable[..., list[int]]:
     """``assemble(text, address)``: a word for each line; numbers in Python's notation, branches to addresses."""
@@ -56,6 +62,19 @@ def assemble() -> Callable[..., list[int]]:
         return [_word(line, address + offset) for offset, line in enumerate(lines)]
 
     return words
+
+
+@pytest.fixture
+def cpu_with(assemble):
+    """A processor with a program at 100h, its stack at 8000h; cycles without the pipeline."""
+
+    def make(text, memory_map=None):
+        cpu = Cpu(memory_map or BARE, has_pipeline=False)
+        cpu.load(assemble(text, 0x100), 0x100)
+        cpu.reg["SP"] = 0x8000
+        return cpu
+
+    return make
 
 
 @pytest.fixture(scope="session")
