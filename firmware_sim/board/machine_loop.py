@@ -30,16 +30,14 @@ from firmware_sim.board.watchdog import watchdog_bites
 from firmware_sim.board.waveform import Waveform, record, waveform_is_full
 from firmware_sim.c3x.addressing import ADDRESS_MASK
 from firmware_sim.c3x.decoding import BREAKPOINT, RETURN_FROM_INTERRUPT
-from firmware_sim.c3x.interrupts import INTERRUPT_CYCLES, INTERRUPT_SOURCES
-from firmware_sim.c3x.machine import IE, IF, SP, ST, ST_GIE, Reason, locate
+from firmware_sim.c3x.interrupts import EXTERNAL_INTERRUPTS, INTERRUPT_CYCLES, INTERRUPT_SOURCES
+from firmware_sim.c3x.machine import IE, IF, SP, ST, ST_EDGE, ST_GIE, Reason, locate
 from firmware_sim.jit import jit
 
 WATCHDOG_BITES: Final = 100
 LOG_FULL: Final = 101
 """Reasons beside those of the interpreter: the watchdog pulls reset; what was logged is to be taken."""
 
-_EXTERNAL: Final = 0b1111
-_EDGE_TRIGGERED: Final = 1 << 14
 _RETI: Final = 0b0111_1000_000
 _RETI_SHIFT: Final = 21
 
@@ -78,11 +76,11 @@ def _take_requests(circuit: Circuit, machine: Machine) -> int:
     """
     interrupts = circuit.interrupts
     registers = machine.registers
-    interrupts[0].edge = 1 if registers[ST] & _EDGE_TRIGGERED else 0
+    interrupts[0].edge = 1 if registers[ST] & ST_EDGE else 0
     requests = interrupts[0].flags
     interrupts[0].flags = 0
     if interrupts[0].edge == 0:
-        requests |= interrupts[0].lines & _EXTERNAL & ~registers[IF]
+        requests |= interrupts[0].lines & EXTERNAL_INTERRUPTS & ~registers[IF]
     return requests
 
 
@@ -92,7 +90,7 @@ def _next_stop(circuit: Circuit, machine: Machine, services: Services, is_steppi
     next_cycle = machine.state[0].cycles + 1
     interrupts = circuit.interrupts
     services.state[0].enabled |= machine.registers[IE] & INTERRUPT_SOURCES
-    if interrupts[0].edge == 0 and interrupts[0].lines & _EXTERNAL & services.state[0].enabled:
+    if interrupts[0].edge == 0 and interrupts[0].lines & EXTERNAL_INTERRUPTS & services.state[0].enabled:
         # A held line requests again right after the acknowledge, which is not seen from here.
         return next_cycle
     if (is_stepping and not machine.state[0].is_idle) or machine.registers[IF] & services.state[0].enabled:

@@ -82,7 +82,6 @@ _FLOAT_OPERANDS: Final = frozenset((
 ))
 # fmt: on
 """Operations whose words in memory are floats; the word that LDM takes is a mantissa of 32 bits."""
-_RELATIVE_TO: Final = {Shape.DELAYED_BRANCH: 3}
 _LAST_EXTENDED: Final = 7
 
 _MOVING_MODES: Final = (addressing.BEFORE, addressing.AFTER, addressing.CIRCULAR, addressing.BIT_REVERSED)
@@ -207,8 +206,7 @@ class _Decoder:
             loaded = self._memory(self.names[half], operand)
             self.row[f"source{source}"] = loaded
         elif operand.kind is Kind.RELATIVE:
-            origin = _RELATIVE_TO.get(self.instruction.row.shape, 1)
-            self.row["value"] = self.address + origin + operand.value
+            self.row["value"] = self.instruction.target(self.address)
         elif operand.kind is not Kind.NONE:
             self.row["value"] = self.instruction.flat()[4 + 4 * slot + 3]
 

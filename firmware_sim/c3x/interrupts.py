@@ -21,10 +21,11 @@ from firmware_sim.jit import jit
 
 INTERRUPT_SOURCES: Final = 0xF3F
 """Bits of IE and IF that are interrupts of the CPU: INT0 to INT3, XINT0, RINT0, TINT0, TINT1, DINT0, DINT1 (3-12)."""
+EXTERNAL_INTERRUPTS: Final = 0xF
+"""INT0 to INT3 of them."""
 FIRST_TRAP: Final = 0x20
 INTERRUPT_CYCLES: Final = 4
 """Before the first instruction of the service: what enters it goes through the pipeline as a branch."""
-_EXTERNAL_INTERRUPTS: Final = 0xF
 
 
 @jit
@@ -53,7 +54,7 @@ def pending_requests(s: Any, r: Any) -> int:
     request_by_level(s, r)
     pending = r[IF] & r[IE] & INTERRUPT_SOURCES
     if s.is_idle == 2:
-        pending &= _EXTERNAL_INTERRUPTS
+        pending &= EXTERNAL_INTERRUPTS
     is_held_off = s.delay_end != NOWHERE or s.is_single_repeat or s.is_supplied0 or s.is_supplied1
     return 0 if is_held_off or not r[ST] & ST_GIE else pending
 

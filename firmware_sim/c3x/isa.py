@@ -41,7 +41,7 @@ from typing import Final
 
 from firmware_sim.c3x.floats import short_to_extended
 from firmware_sim.c3x.isa_parallel import PARALLEL_ROWS
-from firmware_sim.c3x.isa_rows import SINGLE_ROWS, SLOTS, Row
+from firmware_sim.c3x.isa_rows import ORIGINS, SINGLE_ROWS, SLOTS, Row
 from firmware_sim.c3x.operands import Kind, Operand, OperandError, Scope
 from firmware_sim.c3x.registers import CONDITION_CODES, CONDITION_NAMES
 from firmware_sim.errors import UsageError
@@ -92,6 +92,15 @@ class Instruction:
             texts = [self.row.operands[index].form.print(self.operands[index], address) for index in indices]
             halves.append(f"{name} {','.join(texts)}".rstrip())
         return " || ".join(halves)
+
+    def target(self, address: int) -> int | None:
+        """Where a branch at ``address`` leads; None for other instructions and for a register's contents."""
+        for operand in self.operands:
+            if operand.kind is Kind.ADDRESS:
+                return operand.value
+            if operand.kind is Kind.RELATIVE:
+                return address + ORIGINS[self.row.shape] + operand.value & 0xFF_FFFF
+        return None
 
     def slots(self) -> tuple[Operand, ...]:
         """The operands by slot; see the module's description."""

@@ -6,6 +6,14 @@ that were read fix many of the others. Each table says how far its pages can be 
 
 from typing import Final, NamedTuple
 
+
+class Pages(NamedTuple):
+    """The first and the last page on which a description may begin: the same where it is known."""
+
+    first: int
+    last: int
+
+
 # fmt: off
 READ: Final = {
     "ADDI": 57, "AND": 62, "ANDN": 67, "ASH": 71, "ASH3": 73, "ASH3||STI": 76, "B{c}": 79, "B{c}D": 81,
@@ -35,31 +43,21 @@ PLACED: Final = {
 with an addition four. It may be a page off."""
 
 BETWEEN: Final = {
-    **dict.fromkeys(
-        ("ABSF", "ABSF||STF", "ABSI", "ABSI||STI", "ADDC", "ADDC3", "ADDF"), (32, 52)
-    ),
-    **dict.fromkeys(("IDLE", "IDLE2"), (108, 111)),
+    **dict.fromkeys(("ABSF", "ABSF||STF", "ABSI", "ABSI||STI", "ADDC", "ADDC3", "ADDF"), Pages(32, 52)),
+    **dict.fromkeys(("IDLE", "IDLE2"), Pages(108, 111)),
     **dict.fromkeys(
         ("LDF||LDF", "LDF||STF", "LDFI", "LDF{c}", "LDI", "LDI||LDI", "LDI||STI", "LDII", "LDI{c}", "LDM", "LDP"),
-        (115, 134),
+        Pages(115, 134),
     ),
-    **dict.fromkeys(("RPTS", "SIGI", "STF", "STF||STF", "STFI", "STI", "STI||STI", "STII"), (210, 222)),
+    **dict.fromkeys(("RPTS", "SIGI", "STF", "STF||STF", "STFI", "STI", "STI||STI", "STII"), Pages(210, 222)),
 }
 """The first and the last page on which the description may begin: none of these was read, and some take two pages."""
 # fmt: on
 
 _UNSURE: Final = 1
 
-
-class Pages(NamedTuple):
-    """The first and the last page on which a description may begin: the same where it is known."""
-
-    first: int
-    last: int
-
-
 PAGES: Final = {
     **{name: Pages(page, page) for name, page in {**READ, **BRACKETED}.items()},
     **{name: Pages(page - _UNSURE, page + _UNSURE) for name, page in PLACED.items()},
-    **{name: Pages(*pages) for name, pages in BETWEEN.items()},
+    **BETWEEN,
 }

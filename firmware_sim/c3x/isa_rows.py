@@ -44,6 +44,10 @@ class Shape(Enum):
     CONTROL = "anything else"
 
 
+ORIGINS: Final = {Shape.BRANCH: 1, Shape.DELAYED_BRANCH: 3}
+"""How many words behind a branch the place is from which its distance counts."""
+
+
 @dataclass(frozen=True)
 class Place:
     """An operand of a row: the form that reads it, and the slots in which the processor finds it."""
@@ -282,8 +286,8 @@ _THREE_OPERAND_ROWS: Final = tuple(
 )
 
 _ABSOLUTE: Final = Place(Address(), (0,))
-_NEAR: Final = Place(_branch_target(1), (0,))
-_NEAR_DELAYED: Final = Place(_branch_target(3), (0,))
+_NEAR: Final = Place(_branch_target(ORIGINS[Shape.BRANCH]), (0,))
+_NEAR_DELAYED: Final = Place(_branch_target(ORIGINS[Shape.DELAYED_BRANCH]), (0,))
 _COUNTER: Final = Place(RegisterField(22, 3, first=AR0), (1,))
 
 _BRANCH_ROWS: Final = (

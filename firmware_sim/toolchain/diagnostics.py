@@ -57,7 +57,7 @@ class ErrorLog:
         culprit = error.culprit if isinstance(error, SourceError) else ""
         column = line.text.find(culprit) + 1 if culprit else 0
         indent = len(line.text) - len(line.text.lstrip())
-        self._errors[Diagnostic(line.file, line.number, column or indent + 1, _printable(str(error)))] = None
+        self._errors[Diagnostic(line.file, line.number, column or indent + 1, printable(str(error)))] = None
 
     def check(self) -> None:
         """Raise AssemblyError if there were any errors."""
@@ -67,6 +67,6 @@ class ErrorLog:
             raise AssemblyError(in_order)
 
 
-def _printable(text: str) -> str:
-    """The text with escapes for what a terminal would act upon."""
+def printable(text: str) -> str:
+    """The text on one line, with escapes for what a terminal would act upon."""
     return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)

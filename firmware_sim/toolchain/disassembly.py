@@ -11,10 +11,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Final
 
-from firmware_sim.c3x.isa import Instruction, InstructionError, decode, encode
-from firmware_sim.c3x.isa_rows import Shape
-from firmware_sim.c3x.operands import Kind, hexadecimal
+from firmware_sim.c3x.isa import InstructionError, decode, encode
+from firmware_sim.c3x.operands import hexadecimal
 from firmware_sim.c3x.registers import REGISTER_CODES
+from firmware_sim.toolchain.diagnostics import printable
 from firmware_sim.toolchain.functions import NAME
 from firmware_sim.toolchain.image import Image, Section, SectionKind, Symbol
 from firmware_sim.toolchain.lexer import split_operands
@@ -23,7 +23,6 @@ from firmware_sim.toolchain.symbols import Context, Program, Symbols, is_local
 
 _FEWEST_ZEROS: Final = 4  # in a row that .space stands for
 _COMMENT_COLUMN: Final = 52
-_TARGETS: Final = (Kind.ADDRESS, Kind.RELATIVE)
 
 
 def disassembly(image: Image) -> str:
@@ -47,43 +46,38 @@ def _code_sections(image: Image) -> set[str]:
 
     Assemblers call a section data that is none of the standard ones, whatever it holds.
     """
-    filled = [section for section in image.sections.values() if section.words]
+    filled = _filled(image)
     starts = [] if image.entry is None else [image.entry]
-    found = {section.name for section in filled if section.kind is SectionKind.TEXT} | _around(starts, filled)
+    found = {name for name, section in filled.items() if section.kind is SectionKind.TEXT} | _around(starts, filled)
     seen: set[str] = set()
     while found - seen:
         name = min(found - seen)
         seen.add(name)
-        found |= _around(_targets(image.sections[name]), filled)
+        found |= _around(_targets(filled[name]), filled)
     return found
 
 
-def _around(addresses: Iterable[int], sections: Sequence[Section]) -> set[str]:
+def _filled(image: Image) -> dict[str, Section]:
+    """The sections with contents, by their names."""
+    return {name: section for name, section in image.sections.items() if section.words}
+
+
+def _around(addresses: Iterable[int], sections: Mapping[str, Section]) -> set[str]:
     """The names of the sections that hold one of ``addresses``."""
     wanted = set(addresses)
     return {
-        section.name
-        for section in sections
+        name
+        for name, section in sections.items()
         if any(section.run_address <= address < section.run_address + section.size for address in wanted)
     }
 
 
 def _targets(section: Section) -> Iterator[int]:
     for address, word in enumerate(section.words, section.run_address):
-        target = _target(decode(word), address)
+        instruction = decode(word)
+        target = instruction.target(address) if instruction else None
         if target is not None:
             yield target
-
-
-def _target(instruction: Instruction | None, address: int) -> int | None:
-    """Where a branch at ``address`` leads; None for other instructions and for a register's contents."""
-    operand = next((o for o in instruction.operands if o.kind in _TARGETS), None) if instruction else None
-    if instruction is None or operand is None:
-        return None
-    if operand.kind is Kind.ADDRESS:
-        return operand.value
-    origin = 3 if instruction.row.shape is Shape.DELAYED_BRANCH else 1
-    return (address + origin + operand.value) & 0xFF_FFFF
 
 
 # Names ----------------------------------------------------------------------------------------------------
@@ -91,7 +85,7 @@ def _target(instruction: Instruction | None, address: int) -> int | None:
 
 def _labels(image: Image) -> dict[int, list[Symbol]]:
     """The symbols of the sections with contents, by their addresses."""
-    filled = {name for name, section in image.sections.items() if section.words}
+    filled = _filled(image)
     symbols = sorted(
         (symbol for symbol in image.symbols.values() if symbol.section in filled), key=lambda symbol: symbol.value
     )
@@ -103,21 +97,16 @@ def _is_writable(name: str) -> bool:
     return re.fullmatch(NAME, name) is not None and name.upper() not in REGISTER_CODES and not is_local(name)
 
 
-def _shown(name: str) -> str:
-    """``name`` on one line, whatever a damaged file put into it."""
-    return name if name.isprintable() else ascii(name)[1:-1]
-
-
 def _definition(symbol: Symbol, value: str = "") -> Iterator[str]:
     mark = "" if _is_writable(symbol.name) else "; "
     if symbol.is_global:
-        yield f"{mark}        .global {_shown(symbol.name)}"
-    yield f"{mark}{_shown(symbol.name)}:{value}"
+        yield f"{mark}        .global {printable(symbol.name)}"
+    yield f"{mark}{printable(symbol.name)}:{value}"
 
 
 def _constants(image: Image) -> list[str]:
     """The other symbols: constants, and addresses in sections without contents."""
-    filled = {name for name, section in image.sections.items() if section.words}
+    filled = _filled(image)
     others = [symbol for symbol in image.symbols.values() if symbol.section not in filled]
     lines = [line for symbol in others for line in _definition(symbol, f" .set {hexadecimal(symbol.value)}")]
     return ["", *lines] if lines else []
@@ -127,7 +116,7 @@ def _constants(image: Image) -> list[str]:
 
 
 def _heading(section: Section) -> Iterator[str]:
-    shown = _shown(section.name)
+    shown = printable(section.name)
     name = shown.replace('"', '""')
     if not section.words:
         last = section.run_address + section.size - 1
@@ -176,8 +165,8 @@ def _word(word: int, address: int, labels: Mapping[int, Sequence[Symbol]], *, is
     text = instruction.text(address) if instruction else ""
     if instruction is None or not _comes_back(text, word, address):
         text = f".word {hexadecimal(word)}"
-    target = word if instruction is None else _target(instruction, address)
-    name = next((_shown(symbol.name) for symbol in labels.get(target, ())), "") if target is not None else ""
+    target = word if instruction is None else instruction.target(address)
+    name = next((printable(symbol.name) for symbol in labels.get(target, ())), "") if target is not None else ""
     cycles = str(instruction.row.cycles) if instruction else ""
     return _line(text, f"{address:06X} {word:08X} {cycles:<1} {name}")
 
